@@ -324,3 +324,58 @@ def _camera(
         "photographs cropped": partial(_from, 0, partial(_cropped, strength)),
     }
     return AlteringCamera(camera, alter[name])
+
+
+def reading_limited_range(share: float, drive: Array32) -> Array32:
+    """A picture (H, W, 3) by an input that takes its full range for a limited one, or a share of that."""
+    low, high = share * BLACK_CODE, 1 - share * (1 - WHITE_CODE)
+    return np.asarray(np.clip((drive - low) / (high - low), 0, 1), np.float32)
+
+
+def sent_in_limited_range(share: float, drive: Array32) -> Array32:
+    """A picture (H, W, 3) in a limited range that the input takes for the full one, or a share of that."""
+    low, high = share * BLACK_CODE, 1 - share * (1 - WHITE_CODE)
+    return np.asarray(low + (high - low) * drive, np.float32)
+
+
+def with_clipped_white(share: float, drive: Array32) -> Array32:
+    """A picture (H, W, 3) whose brightest drives are all white: too much contrast."""
+    return np.asarray(np.minimum(drive / (1 - share * (1 - WHITE_CODE)), 1), np.float32)
+
+
+def with_other_blue(exponent: float, drive: Array32) -> Array32:
+    """A picture (H, W, 3) with another gamma of blue."""
+    return np.asarray(drive ** np.array([1, 1, exponent], np.float32), np.float32)
+
+
+BLACK_CODE, WHITE_CODE = 16 / 255, 235 / 255  # drives of black and white in a limited range
+# of one projector, after a calibration
+LATER_PICTURES: Mapping[str, Callable[[float, Array32], Array32]] = {
+    "one input takes full range for limited": reading_limited_range,
+    "one input takes limited range for full": sent_in_limited_range,
+    "too much contrast in one projector": with_clipped_white,
+    "dynamic black switched on in one": with_dynamic_black,
+    "another gamma of blue in one": with_other_blue,
+}
+LATER_STRENGTHS: Mapping[str, tuple[float, float, float]] = {
+    "one input takes full range for limited": (0.3, 0.6, 1.0),
+    "one input takes limited range for full": (0.3, 0.6, 1.0),
+    "too much contrast in one projector": (0.4, 0.7, 1.0),
+    "dynamic black switched on in one": (0.1, 0.3, 0.6),
+    "another gamma of blue in one": (1.08, 1.15, 1.3),
+}
+JPEG_ZEROS = (512, 4096, 65536)  # bytes that are zeros in a copy of a photograph
+
+
+def make_later_mistake(rig: BackendRig, name: str, strength: float) -> BackendRig:
+    """A rig whose last projector has a mistake of `LATER_STRENGTHS`."""
+    last = list(rig.projectors)[-1]
+    faulty = FaultyProjector(rig.projectors[last], partial(LATER_PICTURES[name], strength))
+    return replace(rig, projectors={**rig.projectors, last: faulty})
+
+
+def with_zeros(size: int, rng: np.random.Generator, data: bytes) -> bytes:
+    """A file's data with `size` bytes of zeros somewhere behind its first tenth."""
+    first = len(data) // 10
+    start = int(rng.integers(first, max(len(data) - size, first + 1)))
+    return data[:start] + bytes(len(data[start : start + size])) + data[start + size :]

@@ -54,7 +54,7 @@ def photograph_round(rig: Rig, entries: list[dict[str, str]], pictures: Path, ph
             number += 1
 
 
-def write_photo(path: Path, counts: Counts, exposure_s: float, **header: float) -> None:
+def write_photo(path: Path, counts: Counts, exposure_s: float, **header: float | str) -> None:
     """Write a photograph (H, W, C) as a camera does, with its exposure."""
     spec = oiio.ImageSpec(counts.shape[1], counts.shape[0], counts.shape[2], "uint16")
     spec.attribute("compression", "none")  # quick to write

@@ -15,6 +15,7 @@ from exact_room import coarse_rooms
 from looped_dome import SIZE, broad, quick_loop
 from tiny_venue import (
     CAMERA,
+    drift,
     make_venue,
     procam,
     solved,
@@ -55,6 +56,7 @@ def driven(tmp_path_factory: pytest.TempPathFactory, quick: None) -> Path:
     good = solved(venue, take_session(venue))
     wrong = with_scatter(load_calibration(good), np.full(3, TOO_BRIGHT))
     save_calibration(wrong, good.with_name("0002"))
+    drift(venue.directory)  # what people photograph has noise of its own
     return venue.directory
 
 
@@ -85,6 +87,18 @@ def photographed(driven: Path, ran: dict[str, Any], photos: Path) -> Path:
     """Photographs of what a round asks for."""
     photographer.main(driven, Path(ran["order"]).parent, photos)
     return photos
+
+
+def dated(card: Path, folder: Path, day: str, more: int = 0) -> Path:
+    """The photographs of a folder by a camera with a clock, brighter by some counts."""
+    folder.mkdir()
+    for path in sorted(card.iterdir()):
+        pixels, minute = np.array(read_image(path)), int(path.stem.partition("_")[2])
+        when = {"Exif:DateTimeOriginal": f"{day} 12:{minute:02d}:00"}
+        exposure_s = read_photo(path).exposure_s
+        assert exposure_s is not None
+        photographer.write_photo(folder / path.name, pixels + np.uint16(more), exposure_s, **when)
+    return folder
 
 
 def run(*arguments: object) -> dict[str, Any]:
@@ -229,6 +243,33 @@ class TestRefusals:
         shutil.copy(card / "img_7.tif", photos / "img_3.tif")
         ran = procam("refine", by_hand, "--photos", photos)
         assert (ran.code, "img_3.tif was given for an earlier round" in ran.complaint) == (2, True)
+
+    def test_photographs_of_an_earlier_piece_of_work(
+        self, driven: Path, by_hand: Path, card: Path
+    ) -> None:
+        """Those of last month's round, in the same order and at the same exposures."""
+        run("refine", by_hand, "--photos", card)
+        sessions = by_hand / "sessions"
+        (sessions / "refine-0001" / "ended").touch()
+        assert "refine-0002" in run("refine", by_hand)["order"]
+        ran = procam("refine", by_hand, "--photos", card)
+        assert ran.code == 2
+        assert "img_4.tif was given as one of refine-0001 already; give the photo" in ran.complaint
+        assert not list(sessions.glob("refine-0002/captures/*/*.tif"))
+
+    def test_photographs_taken_before_what_was_there(self, by_hand: Path, card: Path) -> None:
+        first = dated(card, by_hand / "first", "2050:11:20")  # by a clock that is ahead
+        run("refine", by_hand, "--photos", first)
+        (by_hand / "sessions" / "refine-0001" / "ended").touch()
+        run("refine", by_hand)
+        earlier = dated(card, by_hand / "second", "2050:10:20", more=1)
+        said = procam("refine", by_hand, "--photos", earlier).complaint
+        assert "was taken on 2050-10-20 12:00, before the photographs of refine-0001" in said
+
+    def test_old_photographs_have_a_note(self, by_hand: Path, card: Path) -> None:
+        old = dated(card, by_hand / "old", "2020:10:20")
+        ran = procam("refine", by_hand, "--photos", old)
+        assert ran.code == 0 and "img_0.tif: of 2020-10-20 12:00 by the camera's clock" in ran.err
 
     def test_the_slate_of_another_picture(self, driven: Path, by_hand: Path, card: Path) -> None:
         """The player still shows what it showed before: photographs of it would look right."""

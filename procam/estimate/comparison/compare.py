@@ -19,6 +19,7 @@ from procam.estimate.comparison.common_pixels import (
     rms_arcmin,
     smooth_field,
 )
+from procam.estimate.comparison.responses import ResponseStep, response_steps
 from procam.estimate.comparison.verdict import (
     CLOSE,
     Verdict,
@@ -26,6 +27,7 @@ from procam.estimate.comparison.verdict import (
     find_exchanged,
     judge_difference,
     judge_light,
+    judge_responses,
 )
 from procam.maths.geometry.pose import rotation_vector
 from procam.maths.geometry.sphere import ARCMIN
@@ -138,7 +140,7 @@ class Comparison:
 
     `turn_arcmin` (3,): the common rotation of the rig from B to A as a rotation vector in A's frame.
     `screen`: "radius_m" and "degree" of the harmonics, of A and of B.
-    `light`: "feedback" (m) and "albedo", where both calibrations have them.
+    `light`: "feedback" (m) and "albedo", where both calibrations have them. `responses`: of the projectors.
     """
 
     projectors: Mapping[str, Difference]
@@ -146,6 +148,7 @@ class Comparison:
     turn_arcmin: list[float]
     screen: Mapping[str, tuple[float, float]]
     light: Mapping[str, LightStep]
+    responses: Mapping[str, ResponseStep]
     verdict: Verdict
 
 
@@ -169,13 +172,16 @@ def compare_calibrations(first: Calibration, second: Calibration) -> Comparison:
         partners = find_exchanged(first, second)
         verdict = exchanged(partners) if partners else verdict
     bent, light = _smooth(thin, turn), _light(first, second)
+    responses = response_steps(first, second)
+    verdict = judge_light(verdict, {name: step.sigmas for name, step in light.items()})
     return Comparison(
         {name: _difference([pair], turn, [bent[name]]) for name, pair in pairs.items()},
         _difference(together, turn, [*bent.values()]),
         [float(v) for v in ARCMIN * rotation_vector(turn)],
         {name: (getattr(first.screen, name), getattr(second.screen, name)) for name in SCREEN},
         light,
-        judge_light(verdict, {name: step.sigmas for name, step in light.items()}),
+        responses,
+        judge_responses(verdict, responses),
     )
 
 

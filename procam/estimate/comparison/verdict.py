@@ -6,7 +6,7 @@ otherwise. Each explanation is accepted only if it removes most of the differenc
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -23,6 +23,7 @@ from procam.estimate.comparison.common_pixels import (
     smooth_field,
     turn_between,
 )
+from procam.estimate.comparison.responses import ResponseStep
 from procam.maths.geometry.pose import rotation_vector
 from procam.maths.geometry.sphere import ARCMIN
 from procam.model.calibration import Calibration
@@ -122,6 +123,18 @@ def judge_light(directions: Verdict, sigmas: Mapping[str, Sequence[float]]) -> V
         "covered, or the camera's response, black level or glare changed. Directions: "
         f"{directions.text}",
     )
+
+
+def judge_responses(verdict: Verdict, steps: Mapping[str, ResponseStep]) -> Verdict:
+    """The verdict with the projectors whose response differs, whatever else does; a cause of its own."""
+    changed = {name: step for name, step in steps.items() if step.excess > 1}
+    if not changed:
+        return verdict
+    each = ", ".join(f"projector {name}: {step.text}" for name, step in changed.items())
+    text = f"responses differ, {each}: check signal range (HDMI range), gamma and picture mode"
+    if verdict.sound:
+        return Verdict("light", f"{text}. Directions: {verdict.text}", tuple(changed))
+    return replace(verdict, text=f"{verdict.text}. Also, {text}")
 
 
 def _common_turn(pairs: Mapping[str, CommonPixels]) -> tuple[Array, list[str], bool]:

@@ -97,10 +97,10 @@ def _with_room(
     scatter = scatter_ratio(calibration, before, now, alive)
     if scatter is not None:
         scatter = _without_dead(scatter, np.all([shining[n] for n in alive], axis=0))
-    ratio = np.ones(3) if scatter is None else scatter.value
-    usable = {n: light.without_scatter(ratio) for n, light in usable.items()}
+    ratio = Measured(np.ones(3), np.zeros(3)) if scatter is None else scatter
+    usable = {n: light.without_scatter(ratio.value) for n, light in usable.items()}
     sharp = [n for n in steady if changes[n].blur_px2 < SHARP_PX2 * changes[n].step ** 2]
-    dome = find_dome_change({n: usable[n] for n in sharp}, float(np.abs(ratio - 1).max()))
+    dome = find_dome_change({n: usable[n] for n in sharp}, float(np.abs(ratio.value - 1).max()))
     for name, light in usable.items():
         level, sigma = light.level(dome.log_albedo(light.direction))
         response = changes[name].response

@@ -15,6 +15,7 @@ from procam.estimate.drift.dome_change import DEAD
 from procam.estimate.drift.finding import (
     AMBIENT_SIGMA,
     CERTAIN,
+    CHANNELS,
     MOST_AMBIENT,
     MOST_BLUR_PX2,
     MOST_LIGHT,
@@ -23,7 +24,7 @@ from procam.estimate.drift.finding import (
     Finding,
 )
 from procam.estimate.drift.projector_change import ProjectorChange
-from procam.estimate.drift.projector_findings import CHANNELS, is_warming, name_projector_causes
+from procam.estimate.drift.projector_findings import is_warming, name_projector_causes
 from procam.maths.geometry.sphere import angles_from_direction, master_directions
 from procam.maths.statistics import MEDIAN_SIGMA
 from procam.model.calibration import Calibration

@@ -7,28 +7,22 @@ import numpy as np
 from procam.estimate.drift.dome_change import DEAD
 from procam.estimate.drift.finding import (
     CERTAIN,
-    EXPONENT_SIGMA,
-    LEAST_BLACK,
-    LEAST_RAISED,
-    MOST_BLACK,
+    CHANNELS,
     MOST_BLUR_PX2,
     MOST_COLOUR,
-    MOST_EXPONENT,
     MOST_LIGHT,
     MOST_MOVED_ARCMIN,
-    MOST_SPAN,
     MOST_TREND,
-    SPAN_SIGMA,
     TREND_SIGMA,
     Cause,
     Finding,
 )
 from procam.estimate.drift.panel import NO_LIGHT
 from procam.estimate.drift.projector_change import MotionKind, ProjectorChange
+from procam.estimate.drift.response_findings import name_settings
 from procam.maths.statistics import MEDIAN_SIGMA
 from procam.model.calibration import Calibration
 
-CHANNELS = ("red", "green", "blue")
 MOTIONS: Mapping[MotionKind, tuple[Cause, str, str]] = {
     "moved": ("moved", "its picture moved", "recalibrate it: procam recalibrate"),
     "keystone": (
@@ -113,7 +107,7 @@ def name_projector_causes(
         )
     else:
         yield from _light(name, change, common)
-    yield from _settings(name, change)
+    yield from name_settings(name, change)
 
 
 def _no_texture(name: str, change: ProjectorChange) -> Finding:
@@ -202,49 +196,3 @@ def _light(name: str, change: ProjectorChange, common: float) -> Iterator[Findin
                 "beside its other colours",
                 "recalibrate it",
             )
-
-
-def _settings(name: str, change: ProjectorChange) -> Iterator[Finding]:
-    response = change.response
-    doubtful = CERTAIN * change.black_sigma
-    dynamic = change.black < min(LEAST_BLACK, 1 - doubtful)
-    raised = change.black > max(MOST_BLACK, 1 + doubtful) and change.raised > LEAST_RAISED
-    if raised:
-        yield Finding(
-            "black level",
-            name,
-            change.black - 1,
-            change.black_sigma,
-            "rel",
-            f"its black is {change.black:.1f} times as bright",
-            "set brightness and signal range as they were",
-        )
-    if response is None:
-        return
-    spans = response.span[np.isfinite(response.span)]
-    span = float(np.median(spans)) - 1 if len(spans) else 0.0
-    if dynamic or abs(span) > MOST_SPAN:
-        yield Finding(
-            "dynamic setting",
-            name,
-            span,
-            SPAN_SIGMA,
-            "rel",
-            f"its light depends on the picture: mid-dark pictures have {1 + span:.0%} of their light, black "
-            f"{change.black:.0%}",
-            "switch off dynamic black, iris and economy modes",
-        )
-    sigma = float(np.hypot(response.exponent_sigma, EXPONENT_SIGMA))
-    if raised:
-        sigma = float(np.hypot(sigma, change.raised / 2))
-    size = response.exponent - 1
-    if abs(size) > max(MOST_EXPONENT, CERTAIN * sigma):
-        yield Finding(
-            "gamma setting",
-            name,
-            size,
-            sigma,
-            "rel",
-            f"its gamma is {1 + size:.3f} times what it was",
-            "set its gamma or picture mode as it was, or recalibrate it",
-        )

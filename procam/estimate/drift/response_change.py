@@ -1,26 +1,28 @@
 """How a projector's response changed, by pictures of tiles of all drive levels.
 
 Of each level the light over that of white, less that of the darkest level, is a point of the response. The
-same picture before and now gives the change of its exponent, a raised black, and light that depends on the
-picture (an iris or an economy mode), which makes all levels dimmer than white alone would have it.
+same picture before and now gives the change of its exponent, of the ends of its signal range, a raised black,
+and light that depends on the picture (an iris or an economy mode), which makes all levels dimmer than white
+alone would have it.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.optimize import least_squares
 
-from procam.arrays import Array, FloatArray, Image, IndexArray
+from procam.arrays import Array, BoolArray, FloatArray, Image, IndexArray
+from procam.estimate.drift.level_model import EXPONENT, NO_DEPARTURE, Departure, LevelModel
 from procam.estimate.light.projector_response import tile_levels
 from procam.estimate.structured_light.patterns import LEVELS
 from procam.maths.statistics import MEDIAN_SIGMA
 from procam.model.photometry import Photometry
+from procam.model.transport import Measured
 
 LEAST_POINTS = 20  # of a level
 DRIVES = np.array(LEVELS) / 255
 LEAST_SPAN = 0.05  # of white, for a channel that shines
 LEAST_LIGHT = 2e-5  # of white: less is the noise of black
-GAMMA = 2.2  # of the domain of interpolation
+FEWEST_LEVELS = 3  # that both photographs show
 FLOOR_SIGMA = 1e-4  # of white: what a camera's own curve may be off by
 
 
@@ -52,6 +54,15 @@ class LevelLight:
         return cls(mean, sigma)
 
     @property
+    def seen(self) -> BoolArray:
+        """Levels (L,) that are seen in all channels."""
+        return np.asarray(np.isfinite(self.mean).all(axis=1))
+
+    def at(self, levels: BoolArray) -> "LevelLight":
+        """The same of some levels."""
+        return LevelLight(self.mean[levels], self.sigma[levels])
+
+    @property
     def span(self) -> tuple[Array, Array]:
         """Light of the brightest less that of the darkest level, over white (3,), and its sigma."""
         return self.mean[-1] - self.mean[0], np.hypot(self.sigma[-1], self.sigma[0])
@@ -76,16 +87,25 @@ class ResponseChange:
     ----------
     exponent, exponent_sigma : factor on the exponent.
     span, span_sigma : (3,) light of the tiles' picture over that of white, relative to before.
+    each, each_sigma : (3,) factor on the exponent of each channel; NaN where it is not seen.
+    ends : (2,) drives [-] up to which all is black now, and from which on all is white.
+    clipping : largest effect of these ends on light. rest : what neither exponent nor ends explain.
     """
 
     exponent: float
     exponent_sigma: float
     span: Array
     span_sigma: Array
+    each: Array = field(default_factory=lambda: np.full(3, np.nan))
+    each_sigma: Array = field(default_factory=lambda: np.full(3, np.nan))
+    ends: Array = field(default_factory=lambda: np.array([0.0, 1.0]))
+    clipping: Departure = NO_DEPARTURE
+    rest: Departure = NO_DEPARTURE
 
-    def without_scatter(self, share: float, ratio: Array) -> "ResponseChange":
+    def without_scatter(self, share: float, ratio: Measured) -> "ResponseChange":
         """The same where scattered light, a `share` of white, is `ratio` (3,) times as much."""
-        return replace(self, span=self.span * (1 + share * (ratio - 1)))
+        sigma = np.hypot(self.span_sigma, self.span * share * ratio.sigma)
+        return replace(self, span=self.span * (1 + share * (ratio.value - 1)), span_sigma=sigma)
 
 
 def raised_drive(photometry: Photometry, light: float) -> float:
@@ -97,36 +117,55 @@ def raised_drive(photometry: Photometry, light: float) -> float:
 def compare_levels(before: LevelLight, now: LevelLight, raised: float) -> ResponseChange | None:
     """The change from one photograph of level tiles to another; None if too little is seen.
 
-    `raised` is the drive that black has become: levels d are shown as raised + (1 - raised) d.
+    Levels that are seen in both photographs count. `raised` is the drive that black has become.
     """
-    (old, old_sigma), (new, new_sigma) = before.curve(), now.curve()
-    spans, sigmas = zip(before.span, now.span, strict=True)
-    channels = np.isfinite(old).all(axis=0) & np.isfinite(new).all(axis=0)
-    if not channels.any():
+    known = before.seen & now.seen
+    if known.sum() < FEWEST_LEVELS:
         return None
-    old, new = old[:, channels], new[:, channels]
-    sigma = np.hypot(old_sigma, new_sigma)[:, channels]
+    old, new = before.at(known), now.at(known)
+    (old_curve, old_sigma), (new_curve, new_sigma) = old.curve(), new.curve()
+    channels = np.flatnonzero(
+        np.isfinite(old_curve).all(axis=0) & np.isfinite(new_curve).all(axis=0)
+    )
+    if not len(channels):
+        return None
+    sigma = np.hypot(old_sigma, new_sigma)
+    curves = (old_curve[:, channels], new_curve[:, channels], sigma[:, channels])
+    return _described(LevelModel(DRIVES[known], *curves, raised), channels, _span_ratio(old, new))
 
-    def off(x: Array) -> Array:
-        return np.asarray(((_altered(old, float(x[0]), raised) - new) / sigma)[1:-1].ravel())
 
-    found = least_squares(off, np.zeros(1), loss="soft_l1", x_scale=0.01)
-    scale = max(1.0, 2 * found.cost / max(1, found.fun.size - 1))
-    exponent = float(np.exp(found.x[0]))
-    error = float(np.sqrt(scale / np.sum(np.asarray(found.jac) ** 2)))
+def _described(
+    model: LevelModel, channels: IndexArray, span: tuple[Array, Array]
+) -> ResponseChange:
+    """What a model explains, of the channels that are seen."""
+    found = model.explain()
+    exponent = found if EXPONENT[0] in found.freedoms else replace(model.fit(), exponent=1.0)
+    seen = np.isin(np.arange(3), channels)
+    ratio, sigma = (np.where(seen, part, np.nan) for part in span)
+    return ResponseChange(
+        exponent.exponent,
+        exponent.exponent_sigma,
+        ratio,
+        sigma,
+        *_by_channel(model, channels),
+        found.ends,
+        model.effect_of_ends(found),
+        model.rest(found).in_channel(channels),
+    )
+
+
+def _by_channel(model: LevelModel, channels: IndexArray) -> tuple[Array, Array]:
+    """Factor (3,) on the exponent of each channel that is seen, and its standard error."""
+    exponent, sigma = np.full((2, 3), np.nan)
+    for column, channel in enumerate(channels):
+        found = model.of(column).explain()
+        if EXPONENT[0] in found.freedoms:
+            exponent[channel], sigma[channel] = found.exponent, found.exponent_sigma
+    return exponent, sigma
+
+
+def _span_ratio(before: LevelLight, now: LevelLight) -> tuple[Array, Array]:
+    (old, old_sigma), (new, new_sigma) = before.span, now.span
     with np.errstate(divide="ignore", invalid="ignore"):
-        span = np.where(channels, spans[1] / spans[0], np.nan)
-        span_sigma = span * np.hypot(sigmas[0] / spans[0], sigmas[1] / spans[1])
-    return ResponseChange(exponent, exponent * error, span, span_sigma)
-
-
-def _altered(old: Array, change: float, raised: float) -> Array:
-    """A response (L, C) with its exponent times exp(change), where black is a drive `raised`."""
-    drive = raised + (1 - raised) * DRIVES
-    light = np.stack([_between(drive, column) for column in old.T], axis=1) ** np.exp(change)
-    return np.asarray((light - light[0]) / (light[-1] - light[0]))
-
-
-def _between(drive: Array, column: Array) -> Array:
-    """A response (L,) at other drives (n,), interpolated where it is nearly linear."""
-    return np.asarray(np.interp(drive, DRIVES, np.clip(column, 0, None) ** (1 / GAMMA)) ** GAMMA)
+        ratio = new / old
+        return ratio, np.abs(ratio) * np.hypot(old_sigma / old, new_sigma / new)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from procam.errors import FileFormatError
 from procam.files.atomic import replacing, require_room
+from procam.files.images.jpeg import require_whole
 
 STORED_AS = {"uint8": "uint8", "uint16": "uint16", "float16": "half", "float32": "float"}
 SUFFIXES = (".png", ".tif", ".tiff", ".exr")  # lossless formats; OpenImageIO would write more
@@ -75,6 +76,8 @@ def read_image(path: Path) -> NDArray[np.generic]:
 def read_spec(path: Path) -> tuple[NDArray[np.generic], oiio.ImageSpec]:
     """Pixels (H, W, C) in the file's own type, and the file's header."""
     with opened(path) as source:
+        if source.format_name() == "jpeg":
+            require_whole(path)
         spec = source.spec()
         pixels = _checked(path, source, source.read_image(spec.format))
     return pixels.reshape(spec.height, spec.width, spec.nchannels), spec

@@ -77,6 +77,7 @@ def _lines(found: Comparison) -> Iterator[str]:
     yield from _areas(rows, wide)
     yield from _screen(found)
     yield from _light(found, wide)
+    yield from _responses(found, wide)
     yield ""
     yield from wrap(f"verdict: {found.verdict.text}", COLUMNS, subsequent_indent="  ")
 
@@ -125,6 +126,14 @@ def _light(found: Comparison, wide: int) -> Iterator[str]:
         each = (_channels(values, 4) for values in (step.first, step.second))
         columns = " ".join(f"{text:21}" for text in each)
         yield f"  {LIGHT[name]:{wide - 2}} {columns} {_channels(step.sigmas, 1)}"
+
+
+def _responses(found: Comparison, wide: int) -> Iterator[str]:
+    """Responses that differ by more than their error bars."""
+    changed = {name: step for name, step in found.responses.items() if step.excess > 1}
+    if changed:
+        yield from ("", f"{'responses':{wide}} B - A, where it is clearest")
+        yield from (f"  {n:{wide - 2}} {s.text}, +- {s.sigma:.1g}" for n, s in changed.items())
 
 
 def _channels(values: list[float], digits: int) -> str:

@@ -69,7 +69,8 @@ class Document(BaseModel):
     """What was asked for, of what work.
 
     `rounds` and `pictures` are the highest numbers so far, replaced ones too: a number is never used twice.
-    `exposure_s` is white's, from which all others follow.
+    `exposure_s` is white's, from which all others follow. `asked_s` is when the last round was asked for,
+    since 1970 [s]; None in files of earlier versions.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -79,6 +80,7 @@ class Document(BaseModel):
     rounds: int = Field(ge=0)
     pictures: int = Field(ge=0)
     photographs: list[Asked]
+    asked_s: float | None = Field(default=None, allow_inf_nan=False)
 
 
 def read_document(folder: Path) -> Document | None:

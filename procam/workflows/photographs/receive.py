@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +27,7 @@ from procam.workflows.capture.settings import (
     keep_settings,
     read_settings,
 )
+from procam.workflows.photographs.earlier import Earlier, earlier_photographs
 from procam.workflows.photographs.orders import Asked, OrderRow
 from procam.workflows.photographs.rounds import Rounds
 
@@ -33,6 +35,7 @@ SHORTEST, LONGEST = 0.78, 1.28  # times the exposure that was asked for: a third
 BLOCK_PX = 8
 SAME_LIGHT, SAME_DN = 0.05, 3.0  # photographs of one picture: relative, and counts of noise
 COLOURS = 3
+CLOCK_S = 86400.0  # clocks of cameras and computers, and their time zones, differ by less
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +89,9 @@ def receive(
     _check_slates(asked, surveyed, order)
     _check_exposures(asked, surveyed, order)
     _check_alike(asked, surveyed, order)
-    _check_new(rounds, surveyed, order)
+    earlier = list(earlier_photographs(rounds.session, rounds.camera.name))
+    _check_new(rounds, surveyed, earlier, order)
+    _check_times(rounds, surveyed, earlier, order)
     for each, found in zip(asked, surveyed, strict=True):
         photo = read_photo(found.path)
         counts = photo_counts(photo, response, rounds.camera.sensor)
@@ -94,7 +99,7 @@ def receive(
         rounds.session.store(rounds.camera.name, each.shot, each.exposure_s, frame)
     rounds.write()  # last: until then the round that they replace is the one on disk
     keep_settings(rounds.session, rounds.camera.name, common)
-    return _notes(surveyed)
+    return [*_notes(surveyed), *_time_notes(rounds, surveyed)]
 
 
 def in_words(rows: Sequence[OrderRow]) -> str:
@@ -154,17 +159,56 @@ def _check_alike(asked: Sequence[Asked], surveyed: Sequence[_Surveyed], order: s
             )
 
 
-def _check_new(rounds: Rounds, surveyed: Sequence[_Surveyed], order: str) -> None:
-    """Refuse a photograph that was given for an earlier round; those of the dark may be alike."""
+def _check_new(
+    rounds: Rounds, surveyed: Sequence[_Surveyed], earlier: Sequence[Earlier], order: str
+) -> None:
+    """Refuse a photograph that the venue has already; those of the dark may be alike."""
     before = {asked.id for asked in rounds.asked} - {asked.id for asked in rounds.last_round}
     stored = rounds.session.stored(rounds.camera.name).items()
-    earlier = {entry.sha256 for (shot, _), entry in stored if shot in before}
+    known = {each.entry.sha256: f"as one of {each.session.name}" for each in earlier}
+    known |= {entry.sha256: "for an earlier round" for (shot, _), entry in stored if shot in before}
     for asked, found in zip(rounds.last_round, surveyed, strict=True):
-        if asked.picture and found.sha256 in earlier:
+        if asked.picture and found.sha256 in known:
             raise FileFormatError(
-                f"{found.path} was given for an earlier round already; give the photographs of this one: "
+                f"{found.path} was given {known[found.sha256]} already; give the photographs of this one: "
                 f"{order}"
             )
+
+
+def _check_times(
+    rounds: Rounds, surveyed: Sequence[_Surveyed], earlier: Sequence[Earlier], order: str
+) -> None:
+    """Refuse a photograph taken before one that was stored before this round was asked for."""
+    asked_s = rounds.asked_s or 0.0
+    dated = [e for e in earlier if e.taken_s is not None and e.stored_s < asked_s]
+    if not dated:
+        return
+    newest = max(dated, key=lambda each: each.entry.started_s)
+    for found in surveyed:
+        if found.taken_s is not None and found.taken_s < newest.entry.started_s:
+            raise FileFormatError(
+                f"{found.path} was taken on {_day(found.taken_s)}, before the photographs of "
+                f"{newest.session.name} ({_day(newest.entry.started_s)}), which were there when this round "
+                f"was asked for. Give the photographs of this one: {order}; if the camera's clock was set "
+                "back, set it forward and photograph again"
+            )
+
+
+def _time_notes(rounds: Rounds, surveyed: Sequence[_Surveyed]) -> list[str]:
+    """A line on photographs that look older than their order, by the camera's clock or the file's date."""
+    when = [(s.taken_s or s.path.stat().st_mtime, s.path.name) for s in surveyed]
+    oldest_s, name = min(when)
+    if rounds.asked_s is None or oldest_s > rounds.asked_s - CLOCK_S:
+        return []
+    return [
+        f"{name}: of {_day(oldest_s)} by the camera's clock or the file's date, but it was asked for on "
+        f"{_day(rounds.asked_s)}; if the clock is right, these are photographs of something else: give those "
+        "of this round with --photos and --replace"
+    ]
+
+
+def _day(seconds: float) -> str:
+    return datetime.fromtimestamp(seconds).strftime("%Y-%m-%d %H:%M")
 
 
 def _coarse(counts: AnyArray, sensor: Sensor) -> Array:

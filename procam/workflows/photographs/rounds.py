@@ -14,6 +14,7 @@ picture and exposure, and stops with `PhotographsWanted` at the first one that i
 
 import math
 import re
+import time
 from collections.abc import Container, Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
@@ -80,6 +81,7 @@ class Rounds:
         self._exposure_s = document.exposure_s  # that of venue.toml may have changed
         self.asked = document.photographs
         self._rounds, self._pictures = document.rounds, document.pictures
+        self.asked_s = document.asked_s
         self._samples = dict[int, Samples]()
 
     @classmethod
@@ -168,7 +170,7 @@ class Rounds:
         if [_content(a) for a in pending] == [_content(a) for a in new]:
             new = pending  # asked for already
         else:
-            self._rounds = number
+            self._rounds, self.asked_s = number, time.time()
         self.asked = [*self.asked, *new]
         self.write()
         return PhotographsWanted(self.folder, self.camera.name, self.order())
@@ -203,6 +205,7 @@ class Rounds:
             rounds=self._rounds,
             pictures=self._pictures,
             photographs=self.asked,
+            asked_s=self.asked_s,
         )
         (self.folder / ENDED).unlink(missing_ok=True)
         atomic.write_text(self.folder / "order.csv", order_table(self.camera.name, self.order()))

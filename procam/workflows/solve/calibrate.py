@@ -60,6 +60,7 @@ from procam.workflows.solve.near_veil import with_near_veil
 from procam.workflows.solve.plausible import check_finite, check_on_screen
 from procam.workflows.solve.predecessor import compare_with_predecessor
 from procam.workflows.solve.provenance import provenance
+from procam.workflows.solve.shared_black import with_shared_black
 
 SHAPE_FIGURES = ("sphere_variance_ratio", "shape_degree")
 WORKERS = 2  # each holds about 400 MB for a 2.5 Mpx camera
@@ -125,11 +126,14 @@ def _solve(venue: Venue, session: Session) -> Iterator[Event]:
         done = total - len(names) - 1 + i
         yield Event("solve", done, total, f"{name} light split, response fitted")
     falloff = venue.table.blend.falloff_per_rad
-    calibration = assemble(dome, geometry, view, measured, nudges(venue), origin, falloff)
+    black = with_shared_black(venue, images, view, measured)
+    origin["notes"] += black.notes
+    calibration = assemble(dome, geometry, view, black.measured, nudges(venue), origin, falloff)
     if server:  # content is drawn as the server plays it
         calibration = replace(calibration, canvas=server.canvas)
     check_finite(calibration)
-    calibration = replace(calibration, quality=_quality(calibration, rig))
+    quality = _quality(calibration, rig) | black.figures(calibration)
+    calibration = replace(calibration, quality=quality)
     yield Event("solve", total - 1, total, "maps assembled")
     directory = next_directory(venue.directory)
     save_calibration(_protecting(venue, calibration), directory)

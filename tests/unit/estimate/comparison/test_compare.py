@@ -18,6 +18,7 @@ from procam.maths.geometry.lenses import Lens, unproject
 from procam.maths.geometry.pose import Pose, rotation_matrix
 from procam.maths.geometry.sphere import intersect_sphere, normalise
 from procam.model.calibration import Calibration, ProjectorCalibration
+from procam.model.photometry import ResponseCurve
 from procam.model.transport import Measured
 
 Steps = Callable[[str, np.ndarray], np.ndarray]
@@ -43,6 +44,19 @@ def _turned(projector: ProjectorCalibration, turn: np.ndarray) -> ProjectorCalib
     direction = projector.surface.direction @ turn.T
     surface = replace(projector.surface, direction=direction.astype(np.float32))
     return replace(projector, model=model, surface=surface)
+
+
+def _responding(
+    calibration: Calibration, response: Callable[..., np.ndarray], sigma: float = 1e-3
+) -> Calibration:
+    """The calibration with another response of its last projector."""
+    name, projector = list(calibration.projectors.items())[-1]
+    old = projector.photometry.response
+    values = np.broadcast_to(response(old.levels[:, None], old.values), old.values.shape)
+    curve = ResponseCurve(old.levels, values, np.full_like(values, sigma))
+    photometry = replace(projector.photometry, response=curve)
+    projectors = {**calibration.projectors, name: replace(projector, photometry=photometry)}
+    return replace(calibration, projectors=projectors)
 
 
 def _bent(calibration: Calibration, steps: Steps) -> Calibration:
@@ -294,6 +308,28 @@ class TestNumbers:
         most = np.abs(m.value * (times - 1) / m.sigma).max() / np.sqrt(2)
         assert f"feedback by {most:.3g} standard errors" in verdict.text
         assert "albedo" not in verdict.text and "the same to the last bit" in verdict.text
+
+    def test_a_response_that_differs_is_named(self, calibration: Calibration) -> None:
+        """By an input that takes full range for limited: its clipped ends."""
+        other = _responding(calibration, lambda d, _: np.clip((255 * d - 16) / 219, 0, 1) ** 2.2)
+        found = compare_calibrations(calibration, other)
+        assert (found.verdict.kind, found.verdict.sound) == ("light", False)
+        (name,) = found.verdict.projectors
+        assert f"projector {name}: its response by +0.1" in found.verdict.text
+        assert "Directions: the directions are the same" in found.verdict.text
+        assert found.responses[name].size == pytest.approx(0.165, abs=0.02)
+
+    def test_a_response_counts_beside_directions(self, calibration: Calibration) -> None:
+        other = _responding(calibration, lambda d, _: d**2.6)
+        moved = _bent(other, lambda _, d: 0.05 * np.cross([0, 0, 1.0], d) * (d[..., :1] > 0))
+        verdict = compare_calibrations(calibration, moved).verdict
+        assert not verdict.sound and ". Also, responses differ, projector" in verdict.text
+
+    def test_a_response_within_its_errors(self, calibration: Calibration) -> None:
+        near = _responding(calibration, lambda d, old: old + 0.07 * d * (1 - d))
+        unsure = _responding(calibration, lambda d, old: old + 0.2 * d * (1 - d), sigma=0.02)
+        for other in (near, unsure):
+            assert compare_calibrations(calibration, other).verdict.sound
 
     def test_directions_take_precedence_over_light(self, calibration: Calibration) -> None:
         m = calibration.feedback

@@ -11,6 +11,7 @@ from procam.estimate.drift.changes import VenueChange
 from procam.estimate.drift.displacement import Motion, unmoved
 from procam.estimate.drift.dome_change import DomeChange
 from procam.estimate.drift.findings import name_causes
+from procam.estimate.drift.level_model import Departure
 from procam.estimate.drift.projector_change import ProjectorChange
 from procam.estimate.drift.response_change import ResponseChange
 from procam.model.calibration import Calibration
@@ -31,6 +32,13 @@ SAME = ProjectorChange(
     light=np.zeros(3),
     light_sigma=np.full(3, 5e-4),
 )
+
+UNLIKE = Departure(0.1, 0.002, 0.5, 1)
+
+
+def responding(**change: object) -> ProjectorChange:
+    """A projector whose response changed."""
+    return replace(SAME, response=replace(SAME.response, **change))  # type: ignore[type-var, arg-type]
 
 
 def moved(**terms: float) -> ProjectorChange:
@@ -99,7 +107,13 @@ def test_nothing(venue: Callable[..., set[tuple[str, str]]]) -> None:
         (replace(SAME, black=2.0, raised=0.03), "black level"),
         (replace(SAME, black=0.5), "dynamic setting"),
         (replace(SAME, response=replace(SAME.response, span=np.full(3, 0.8))), "dynamic setting"),  # type: ignore[type-var]
-        (replace(SAME, response=replace(SAME.response, exponent=1.1)), "gamma setting"),  # type: ignore[type-var]
+        (responding(exponent=1.1), "gamma setting"),
+        (responding(each=np.array([1, 1, 0.9]), each_sigma=np.full(3, 1e-3)), "gamma setting"),
+        (responding(clipping=UNLIKE, rest=UNLIKE), "signal range"),
+        (responding(rest=UNLIKE), "gamma setting"),
+        (responding(span=np.full(3, 0.96)), "dynamic setting"),
+        (replace(responding(clipping=UNLIKE), black=2.0, raised=0.03), "black level"),
+        (replace(SAME, response=None), "not seen"),
     ],
 )
 def test_of_one_projector(
@@ -117,7 +131,8 @@ def test_of_one_projector(
         replace(SAME, black=1.5, black_sigma=0.2, raised=0.02),
         replace(SAME, black=0.7, black_sigma=0.1),
         replace(SAME, black=float("nan"), black_sigma=float("nan")),
-        replace(SAME, response=None),
+        responding(span=np.full(3, 0.96), span_sigma=np.full(3, 0.01)),
+        responding(clipping=Departure(0.1, 0.03), rest=Departure(0.015, 0.001)),
         replace(SAME, light=log(0.985, 0.985, 0.985)),  # less than what matters
     ],
 )

@@ -12,6 +12,7 @@ from procam.estimate.drift.response_change import (
 )
 from procam.estimate.structured_light.patterns import LEVELS, level_pictures
 from procam.model.photometry import Photometry, ResponseCurve
+from procam.model.transport import Measured
 
 
 def light(
@@ -20,9 +21,11 @@ def light(
     raised: float = 0.0,
     span: float = 1.0,
     scattered: float = 0.2,
+    ends: tuple[float, float] = (0.0, 1.0),
 ) -> LevelLight:
     """Light of the levels over white: direct, and scattered light of the picture's mean."""
-    own = (raised + (1 - raised) * DRIVES) ** exponent - raised**exponent
+    drive = np.clip((DRIVES - ends[0]) / (ends[1] - ends[0]), 0, 1)
+    own = (raised + (1 - raised) * drive) ** exponent - raised**exponent
     own = span * own / (1 - raised**exponent)
     share = (1 - scattered) * own + scattered * own.mean()
     mean = share[:, None] + rng.normal(0, 3e-4, (len(DRIVES), 3))
@@ -58,7 +61,9 @@ def test_more_scattered_light_is_taken_out_of_the_span(rng: np.random.Generator)
     assert found is not None
     assert found.span.mean() == pytest.approx((1 - more) / (1 - before), abs=0.005)
     ratio = np.full(3, more / (1 - more) * (1 - before) / before)
-    assert np.allclose(found.without_scatter(before, ratio).span, 1.0, atol=0.006)
+    assert np.allclose(
+        found.without_scatter(before, Measured(ratio, np.zeros(3))).span, 1.0, atol=0.006
+    )
 
 
 def test_a_dead_channel_has_no_response(rng: np.random.Generator) -> None:
@@ -69,6 +74,63 @@ def test_a_dead_channel_has_no_response(rng: np.random.Generator) -> None:
     assert np.isnan(found.span[1]) and found.exponent == pytest.approx(1.0, abs=0.005)
     now.mean[:] = np.nan
     assert compare_levels(light(rng), now, 0.0) is None
+
+
+@pytest.mark.parametrize("ends", [(16 / 255, 235 / 255), (0.0, 240 / 255), (16 / 255, 1.0)])
+def test_the_ends_of_a_signal_range(ends: tuple[float, float], rng: np.random.Generator) -> None:
+    found = compare_levels(light(rng), light(rng, ends=ends), 0.0)
+    assert found is not None
+    assert np.allclose(found.ends, ends, atol=0.006)
+    assert found.exponent == 1.0 and found.rest.excess < 1
+    drive = np.linspace(0, 1, 1001)
+    true = np.clip((drive - ends[0]) / (ends[1] - ends[0]), 0, 1) ** 2.2 - drive**2.2
+    effect = true[np.abs(true).argmax()]
+    assert found.clipping.size == pytest.approx(effect, abs=0.01) and found.clipping.excess > 1
+
+
+def test_ends_and_exponent_together(rng: np.random.Generator) -> None:
+    now = light(rng, 2.2 * 1.2, ends=(16 / 255, 235 / 255))
+    found = compare_levels(light(rng), now, 0.0)
+    assert found is not None
+    assert np.allclose(found.ends, (16 / 255, 235 / 255), atol=0.01)
+    assert found.exponent == pytest.approx(1.2, abs=0.03)
+
+
+def test_nothing_is_no_other_range(rng: np.random.Generator) -> None:
+    for _ in range(20):
+        found = compare_levels(light(rng), light(rng), 0.0)
+        assert found is not None
+        assert np.array_equal(found.ends, (0, 1)) and found.clipping.excess == 0
+        assert found.rest.excess < 0.2
+
+
+def test_the_exponent_of_one_channel(rng: np.random.Generator) -> None:
+    now = light(rng)
+    now.mean[:, 2] = light(rng, 2.2 * 1.1).mean[:, 2]
+    found = compare_levels(light(rng), now, 0.0)
+    assert found is not None
+    assert found.each == pytest.approx([1, 1, 1.1], abs=0.005)
+
+
+def test_what_nothing_explains(rng: np.random.Generator) -> None:
+    now = light(rng)
+    now.mean[8, 1] += 0.05
+    rest = compare_levels(light(rng), now, 0.0).rest  # type: ignore[union-attr]
+    assert (rest.channel, rest.drive) == (1, DRIVES[8]) and rest.excess > 1
+    assert rest.size == pytest.approx(0.06, abs=0.01)  # over the direct light of white
+
+
+def test_levels_that_are_seen_in_both_suffice(rng: np.random.Generator) -> None:
+    """Of a session whose tiles had three levels, or of a panel that is seen in part."""
+    before, now = light(rng), light(rng, 2.2 * 1.1)
+    few = np.full(len(DRIVES), np.nan)
+    few[[0, 8, 16]] = 0
+    before.mean[:] += few[:, None]
+    found = compare_levels(before, now, 0.0)
+    assert found is not None
+    assert found.exponent == pytest.approx(1.1, abs=max(4 * found.exponent_sigma, 0.005))
+    before.mean[8] = np.nan
+    assert compare_levels(before, now, 0.0) is None
 
 
 def test_the_drive_of_a_black() -> None:

@@ -18,6 +18,7 @@ from procam.files.images.photos import (
 from procam.files.images.pixels import write_image
 from procam.maths.light.curves import srgb_decode
 from procam.model.optics import Sensor
+from simulators.mistakes import with_zeros
 
 SENSOR = Sensor(bits=12, black_level=64.0)
 HEADER = {
@@ -78,6 +79,34 @@ class TestReading:
         path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
         with pytest.raises(FileFormatError, match=r"a\.jpg is truncated"):
             read_photo(path)
+
+    @pytest.mark.parametrize("channels", [1, 3])
+    def test_a_jpeg_with_zeros_inside(self, tmp_path: Path, channels: int) -> None:
+        """The decoder goes on behind them, with all that follows displaced."""
+        rng = np.random.default_rng(channels)
+        noise = rng.normal(120, 30, (300, 400, channels)).clip(0, 255).astype(np.uint8)
+        path = write(tmp_path / "a.jpg", noise)
+        read_photo(path)
+        data = path.read_bytes()
+        for _ in range(20):
+            path.write_bytes(with_zeros(4096, rng, data))
+            with pytest.raises(FileFormatError, match=r"a\.jpg is (truncated or )?damaged"):
+                read_photo(path)
+
+    @pytest.mark.parametrize(
+        ("pixels", "suffix"),
+        [
+            (np.full((300, 400, 3), 3, np.uint8), ".jpg"),  # dark: its data are nearly all zeros
+            (np.full((8, 8, 1), 200, np.uint8), ".jpeg"),
+            (np.tile(np.arange(256, dtype=np.uint8), (70, 2))[..., None], ".jpg"),
+        ],
+    )
+    def test_whole_jpegs_are_read(self, tmp_path: Path, pixels: np.ndarray, suffix: str) -> None:
+        path = write(tmp_path / f"a{suffix}", pixels)
+        assert read_photo(path).pixels.shape == pixels.shape
+        preview = path.read_bytes()
+        path.write_bytes(preview + bytes(512) + preview)  # some cameras append previews
+        assert read_photo(path).pixels.shape == pixels.shape
 
     def test_floats_are_refused(self, tmp_path: Path) -> None:
         write_channels(tmp_path / "a.exr", dict.fromkeys("RGB", np.zeros((4, 4))))

@@ -1,0 +1,75 @@
+"""Black of a rig whose projectors procam cannot make dark: estimated, noted, and with its error."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from procam.estimate.calibration import ProjectorMeasurement
+from procam.estimate.geometry.camera_view import DomeView
+from procam.estimate.light.shared_black import SharedBlack, fit_shared_black
+from procam.files.venue.load import BY_HAND, Venue
+from procam.model.calibration import Calibration
+from procam.model.quality import Figure
+from procam.workflows.capture.session_images import SessionImages
+
+
+@dataclass(frozen=True, slots=True)
+class BlackLight:
+    """Measurements with their blacks, the names of projectors that are never dark, and the fit for these."""
+
+    measured: Mapping[str, ProjectorMeasurement]
+    names: tuple[str, ...] = ()
+    fit: SharedBlack | None = None
+
+    @property
+    def notes(self) -> list[str]:
+        """A line on black, if it had to be estimated."""
+        if self.fit is None:
+            return []
+        error = float((self.fit.sigma / np.maximum(self.fit.total, 1e-12)).mean())
+        return [
+            f"black of {', '.join(self.names)}: procam has no shutter to close there, so photographs of the dark "
+            f"hold their blacks. The sum of these is estimated from the dark to +-{error:.0%}, and light of the "
+            "room may be part of it. To measure it give them a control, or photograph by hand with lamps off "
+            "or lenses closed in the dark (procam patterns)"
+        ]
+
+    def figures(self, calibration: Calibration) -> dict[str, Figure]:
+        """Direct light of black of the lit dome, and its standard error."""
+        if self.fit is None:
+            return {}
+        maps = calibration.maps
+        value = maps.lo[maps.coverage > LIT].mean(axis=0, dtype=float)
+        sigma = value * self.fit.sigma / np.maximum(self.fit.total, 1e-12)
+        note = f"estimated: {', '.join(self.names)} cannot be made dark"
+        return {"black_level": Figure(value.tolist(), "rel", note=note, sigma=sigma.tolist())}
+
+
+LIT = 0.99  # coverage
+
+
+def never_dark(venue: Venue) -> tuple[str, ...]:
+    """Projectors that procam drives and has no shutter of."""
+    return tuple(
+        name
+        for name, table in venue.table.projectors.items()
+        if table.backend != BY_HAND and table.control is None
+    )
+
+
+def with_shared_black(
+    venue: Venue,
+    images: SessionImages,
+    view: DomeView,
+    measured: Mapping[str, ProjectorMeasurement],
+) -> BlackLight:
+    """Measurements whose blacks are estimated where the photographs of the dark hold them."""
+    names = never_dark(venue)
+    if not names:
+        return BlackLight(measured)
+    _, dark = images.dark()
+    lights = {name: measured[name].light for name in names}
+    fit = fit_shared_black(dark, lights, view.direction, view.on_screen)
+    shared = {name: replace(measured[name], black=black) for name, black in fit.black.items()}
+    return BlackLight({**measured, **shared}, names, fit)
