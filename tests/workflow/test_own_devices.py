@@ -1,19 +1,33 @@
 """The backend of docs/howto/own-devices.md works as it stands there."""
 
+import json
 import re
 import sys
 import types
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
-from tiny_venue import CAMERA, make_venue
+from tiny_venue import (
+    CAMERA,
+    TINY_PAIR,
+    make_venue,
+    procam,
+    quick_simulator,
+    solved,
+    take_session,
+)
 
+import simulators.backend
+from procam.estimate import calibration as assembling
+from procam.files.calibration import load_calibration
 from procam.files.venue.load import load_venue
 from procam.model.frame import CameraSettings
 from procam.workflows import venue_rig
 from procam.workflows.venue_rig import open_rig
+from simulators.scene import DomeScene
 
 PAGE = Path(__file__).parents[2] / "docs" / "howto" / "own-devices.md"
 PHOTOGRAPH = """\
@@ -70,3 +84,45 @@ settle_s = 0.0
         assert camera.configure(CameraSettings(0.5, "mono")).pixel_format == "mono"
         assert camera.capture().counts.shape == (200, 200)
     assert not cv2.imread(str(folder / "south.png")).any()  # dark at the end
+
+
+def test_black_of_a_rig_without_shutters_is_noted_and_within_its_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The same dome twice: with shutters black is measured, without them the dark holds it."""
+    size = replace(TINY_PAIR, projector_size=(160, 100), camera_size=(256, 256))
+    monkeypatch.setattr(assembling, "MAP_SIZE", 256)
+    with quick_simulator():
+        venue = make_venue(tmp_path / "with", size=size)
+        measured = load_calibration(solved(venue, take_session(venue)))
+        assert "black_level" not in measured.quality
+        build = simulators.backend.build_scene
+
+        def always_lit(*where: object) -> DomeScene:
+            scene = build(*where)  # type: ignore[arg-type]
+            for state in scene.states.values():
+                state.switch_on()
+            scene.clock.sleep(3600)
+            return scene
+
+        monkeypatch.setattr(simulators.backend, "build_scene", always_lit)
+        folder = make_venue(tmp_path / "without", size=size).directory
+        text = (folder / "venue.toml").read_text("utf-8")
+        (folder / "venue.toml").write_text(re.sub(r"(?m)^control = .*$", "", text))
+        ran = procam("calibrate", folder)
+        assert ran.code == 0, ran
+        assert "note: black of south, north: procam has no shutter to close there" in ran.out
+        estimated = load_calibration(folder / "calibrations" / "0001")
+        ran = procam("verify", folder)
+        assert (ran.code, "all is well" in ran.out) == (0, True), ran
+        advised = procam("doctor", folder, "--json").out
+    lit = measured.maps.coverage > 0.99
+    figure = estimated.quality["black_level"]
+    true = measured.maps.lo[lit].mean(axis=0)
+    assert np.all(np.abs(np.array(figure.value) - true) < 2 * np.array(figure.sigma))
+    assert np.all(np.array(figure.sigma) < 0.5 * true)
+    document = json.loads(advised)
+    assert (
+        document["capture"]["black_exposure_s"] >= load_venue(folder).table.capture.black_exposure_s
+    )
+    assert "black-too-short" not in {finding["kind"] for finding in document["findings"]}

@@ -13,6 +13,7 @@ from procam.estimate.drift.panel import Found, Panel, at_places, sample_today, s
 from procam.estimate.drift.physical_motion import explains_motion
 from procam.estimate.drift.pictures import PanelPictures, VenuePhotographs
 from procam.estimate.drift.response_change import (
+    LEAST_LIGHT,
     LevelLight,
     ResponseChange,
     compare_levels,
@@ -194,7 +195,7 @@ def _softer(image: Image, blur2: float) -> Image:
 def _black(panel: Panel, today: PanelPictures) -> tuple[float, float, float]:
     """Black over white relative to before, its standard error, and black over white before.
 
-    All channels together, NaN where black is not seen.
+    All channels together, NaN where black is not seen, or was 0: without a shutter the dark holds it too.
     """
     old, new = panel.before, today
     good = np.isfinite(old.texture) & np.isfinite(new.white).all(axis=-1)
@@ -210,7 +211,8 @@ def _black(panel: Panel, today: PanelPictures) -> tuple[float, float, float]:
     if not parts:
         return float("nan"), float("nan"), 0.0
     before, white, after, lit = np.array(parts).T
-    if not (before > 0).all() or not (lit > 0).all():
+    measured = before.sum() > LEAST_LIGHT * white.sum()
+    if not measured or not (before > 0).all() or not (lit > 0).all():
         return float("nan"), float("nan"), 0.0
     each = after / lit / (before / white)
     whole = float(after.sum() / lit.sum() / (before.sum() / white.sum()))

@@ -28,6 +28,7 @@ from procam.model.optics import CameraModel
 from procam.model.plan import Plan, Shot
 from procam.workflows.capture.brackets import solve_brackets
 from procam.workflows.capture.by_hand import PREFIX
+from procam.workflows.capture.earlier import earlier_photographs
 from procam.workflows.capture.photo_index import read_index
 from procam.workflows.capture.session_plan import plan_of
 from procam.workflows.capture.settings import (
@@ -37,7 +38,6 @@ from procam.workflows.capture.settings import (
     read_settings,
 )
 from procam.workflows.events import Event
-from procam.workflows.photographs.earlier import earlier_photographs
 
 GREEN = 1
 SAME_EXPOSURE = 1e-3  # relative; headers round

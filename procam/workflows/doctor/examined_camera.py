@@ -179,6 +179,7 @@ class ExaminedCamera:
             additivity(shots.halves, shots.level, shots.dark, lit),
             float(np.median(ambient)) / darkest,
             black / float(np.sqrt(self.noise.variance(0.0))),
+            seconds[1],
         )
 
     def _look_at_response(self, projector: str, white: Frame, lit: BoolArray) -> None:

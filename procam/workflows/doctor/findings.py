@@ -41,6 +41,7 @@ class View:
         halves over that of white; both None where they were not photographed.
     ambient_share : room light over white - black of the darkest lit pixel.
     black_sigmas : black light over read noise at venue.toml's exposure for black.
+    black_exposure_s : of the photograph of black, which does not saturate [s].
     """
 
     plan: ExposurePlan
@@ -49,6 +50,7 @@ class View:
     additivity: float | None
     ambient_share: float
     black_sigmas: float
+    black_exposure_s: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,12 +107,17 @@ class Diagnosis:
         return any(f.device == device and f.kind in kinds for f in self.findings)
 
     def capture(self) -> dict[str, float]:
-        """[capture] that suits every projector and camera; empty if nothing could be measured."""
-        plans = [view.plan for view in self.views.values()]
-        if not plans:
+        """[capture] that suits every projector and camera; empty if nothing could be measured.
+
+        Black is exposed no shorter than it was photographed: where projectors cannot be made dark, a
+        photograph of one's black holds that of all, and looks long enough when it is not.
+        """
+        views = self.views.values()
+        if not views:
             return {}
-        exposure_s = min(p.exposure_s for p in plans)
-        black_s = max(exposure_s, *(p.black_exposure_s for p in plans))
+        exposure_s = min(view.plan.exposure_s for view in views)
+        each = [max(view.plan.black_exposure_s, view.black_exposure_s) for view in views]
+        black_s = max(exposure_s, *each)
         return {"exposure_s": exposure_s, "black_exposure_s": black_s}
 
     def lines(self) -> str:
@@ -274,7 +281,8 @@ def _judge_exposure(diagnosis: Diagnosis, device: str, camera: str, view: View) 
                 "and picture mode"
             )
         diagnosis.add(device, "too-dim", got, f"{LEAST_PEAK:.0%} to {MOST_PEAK:.0%}", advice)
-    if view.black_sigmas < LEAST_BLACK_SIGMAS:
+    longer = capture["black_exposure_s"] > view.black_exposure_s
+    if longer and view.black_sigmas < LEAST_BLACK_SIGMAS:
         diagnosis.add(
             device,
             "black-too-short",

@@ -257,6 +257,7 @@ def _judge_projector(
         None,
         ambient_dn_s / max(darkest, 1e-9),
         light / float(np.sqrt(noise.variance(0.0))),
+        black.exposure_s,
     )
 
 

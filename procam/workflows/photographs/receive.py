@@ -20,6 +20,7 @@ from procam.files.session import digest
 from procam.maths.codes.shot_id import read_shot_id
 from procam.maths.warp import block_mean
 from procam.model.optics import Sensor
+from procam.workflows.capture.earlier import Earlier, earlier_photographs
 from procam.workflows.capture.ingest import photo_frame
 from procam.workflows.capture.settings import (
     Setting,
@@ -27,7 +28,6 @@ from procam.workflows.capture.settings import (
     keep_settings,
     read_settings,
 )
-from procam.workflows.photographs.earlier import Earlier, earlier_photographs
 from procam.workflows.photographs.orders import Asked, OrderRow
 from procam.workflows.photographs.rounds import Rounds
 

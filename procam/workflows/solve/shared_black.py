@@ -13,6 +13,8 @@ from procam.model.calibration import Calibration
 from procam.model.quality import Figure
 from procam.workflows.capture.session_images import SessionImages
 
+LIT = 0.99  # coverage
+
 
 @dataclass(frozen=True, slots=True)
 class BlackLight:
@@ -29,10 +31,10 @@ class BlackLight:
             return []
         error = float((self.fit.sigma / np.maximum(self.fit.total, 1e-12)).mean())
         return [
-            f"black of {', '.join(self.names)}: procam has no shutter to close there, so photographs of the dark "
-            f"hold their blacks. The sum of these is estimated from the dark to +-{error:.0%}, and light of the "
-            "room may be part of it. To measure it give them a control, or photograph by hand with lamps off "
-            "or lenses closed in the dark (procam patterns)"
+            f"black of {', '.join(self.names)}: procam has no shutter to close there, so photographs of the "
+            f"dark hold it. The sum of these blacks is estimated from the dark to +-{error:.0%}; light of "
+            "the room may be part of it. To measure it give them a control, or photograph by hand, with "
+            "lamps off or lenses covered in the dark (procam patterns)"
         ]
 
     def figures(self, calibration: Calibration) -> dict[str, Figure]:
@@ -44,9 +46,6 @@ class BlackLight:
         sigma = value * self.fit.sigma / np.maximum(self.fit.total, 1e-12)
         note = f"estimated: {', '.join(self.names)} cannot be made dark"
         return {"black_level": Figure(value.tolist(), "rel", note=note, sigma=sigma.tolist())}
-
-
-LIT = 0.99  # coverage
 
 
 def never_dark(venue: Venue) -> tuple[str, ...]:
