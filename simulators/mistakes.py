@@ -364,7 +364,6 @@ LATER_STRENGTHS: Mapping[str, tuple[float, float, float]] = {
     "dynamic black switched on in one": (0.1, 0.3, 0.6),
     "another gamma of blue in one": (1.08, 1.15, 1.3),
 }
-JPEG_ZEROS = (512, 4096, 65536)  # bytes that are zeros in a copy of a photograph
 
 
 def make_later_mistake(rig: BackendRig, name: str, strength: float) -> BackendRig:

@@ -3,7 +3,8 @@
 Ten rooms drawn at random, and the standard venue with ten seeds of noise, are calibrated without a mistake
 and with each of `simulators.mistakes` at three strengths. A mistake is noticed if procam refuses the session,
 or says something of it that it does not say of the same room without one. A result is wrong if it misses a
-bound of `figures` that the same room meets without the mistake. Mistakes before other commands are drawn by
+bound of `figures` that the same room meets without the mistake. Then each is verified after mistakes with one
+projector that were made since. Mistakes before other commands are drawn by
 `python -m studies.mistakes SEED RUNS [COMMAND ...]`, which prints what comes of each. Writes
 studies/mistakes.json and studies/mistakes.md; `python -m studies mistakes` remakes them in two hours.
 """
@@ -27,7 +28,7 @@ from procam.devices.rig import Rig
 from procam.errors import ProcamError
 from procam.files.calibration import load_calibration
 from procam.files.venue.load import Venue, load_venue
-from procam.files.versions import use_calibration
+from procam.files.versions import calibration_in_use, use_calibration
 from procam.maths.warp import block_mean
 from procam.model.calibration import Calibration
 from procam.model.transport import Measured
@@ -36,8 +37,15 @@ from procam.workflows.photographs.driven import DrivenPhotographer
 from procam.workflows.recalibrate import recalibrate
 from procam.workflows.solve.calibrate import solve
 from procam.workflows.venue_rig import open_rig
-from procam.workflows.verify.verify import SETTLE_S, verify
-from simulators.mistakes import SETTING_MISTAKES, STRENGTHS, cropped_pixel, make_mistake
+from procam.workflows.verify.verify import SETTLE_S, Verified, verify
+from simulators.mistakes import (
+    LATER_STRENGTHS,
+    SETTING_MISTAKES,
+    STRENGTHS,
+    cropped_pixel,
+    make_later_mistake,
+    make_mistake,
+)
 from simulators.scene import DomeScene
 from simulators.sight_lines import SightLines
 from simulators.template import room_text, venue_text
@@ -104,11 +112,8 @@ class Stage:
         """The calibration with its last projector measured again, and what is said."""
         venue, name = self._as_written(mistake), list(self.venue.table.projectors)[-1]
         photographs = prepare_session(venue, self._folder(mistake)).read_plan().exposures
-        opened = patch(
-            "procam.workflows.recalibrate.open_rig", lambda _: self._rig(mistake, photographs)
-        )
-        with opened:
-            *_, last = recalibrate(venue, self._first, [name])
+        with self._rig(mistake, photographs) as rig:
+            *_, last = recalibrate(lambda: rig, venue, self._first, [name])
         found = load_calibration(Path(last.data["calibration"]))
         return found, [*last.data["notes"], *found.provenance["notes"]]
 
@@ -145,6 +150,16 @@ class Stage:
                 marks[i] = mark.model_copy(update={"pixel": pixel})
         changed = {"cameras": cameras, "fiducials": marks}
         return replace(self.venue, table=table.model_copy(update=changed))
+
+    def verify_later(self, calibration: Path, mistake: Mistake | None) -> Verified:
+        """What a verification finds after a mistake of `LATER_STRENGTHS`, or after none."""
+        with self._rig(None, 0) as rig:
+            devices = BackendRig(rig.cameras, rig.projectors, rig.clock)
+            made = make_later_mistake(devices, *mistake) if mistake else devices
+            found, altered = load_calibration(calibration), replace(rig, projectors=made.projectors)
+            photographer = DrivenPhotographer(altered, found, SETTLE_S)
+            *_, last = verify(photographer, self.venue, found)
+        return last.data["verified"]
 
     def _rig(self, mistake: Mistake | None, photographs: int) -> Rig:
         with patch("simulators.backend.build_scene", self._new_scene):
@@ -240,7 +255,8 @@ def judge_room(number: int) -> list[dict[str, Any]]:
         stage = Stage(number, Path(folder))
         clean = clean_row(stage)
         mistakes = [(name, s) for name, strengths in STRENGTHS.items() for s in strengths]
-        rows = [clean, *(row_of(stage, mistake, clean) for mistake in mistakes)]
+        later = list(later_rows(stage))  # first, while the calibration in use has no mistake
+        rows = [clean, *(row_of(stage, mistake, clean) for mistake in mistakes), *later]
         stage.forget()
         return rows
 
@@ -268,6 +284,34 @@ def row_of(
         "errors": errors,
         "wrong": sorted(name for name in judged if errors[name] > limits[name]),
     }
+
+
+def later_rows(stage: Stage) -> Iterator[dict[str, Any]]:
+    """What a verification says of each mistake that was made after the calibration, and of none."""
+    calibration = calibration_in_use(stage.venue.directory)
+    mistakes = [(name, s) for name, strengths in LATER_STRENGTHS.items() for s in strengths]
+    for mistake in [None, *mistakes]:
+        found = stage.verify_later(calibration, mistake)
+        causes = [each.cause for each in found.findings if each.alarm]
+        yield {"room": stage.number, "later": list(mistake or ()), "causes": causes}
+
+
+def later_table(rows: list[dict[str, Any]]) -> Iterator[str]:
+    """Markdown lines: what verifications said, a row per mistake and strength."""
+    clean = [row for row in rows if not row["later"]]
+    alarms = sum(bool(row["causes"]) for row in clean)
+    yield f"Verifications without a mistake: {len(clean)}, false alarms: {alarms}."
+    yield from (
+        "",
+        "| mistake after the calibration | strength | alarms | causes |",
+        "|---|---|---|---|",
+    )
+    for name, strengths in LATER_STRENGTHS.items():
+        for strength in strengths:
+            of = [row for row in rows if row["later"] == [name, strength]]
+            causes = sorted({cause for row in of for cause in row["causes"]})
+            alarms = sum(bool(row["causes"]) for row in of)
+            yield f"| {name} | {strength:g} | {alarms} of {len(of)} | {', '.join(causes)} |"
 
 
 def _kind(note: str) -> str:
@@ -329,14 +373,24 @@ def main() -> None:
 
 def keep(rooms: list[list[dict[str, Any]]]) -> None:
     """Write the rows of all venues."""
-    rows = [row for room in rooms for row in room[1:]]
+    after = [row for room in rooms for row in room[1:] if "later" in row]
+    rows = [row for room in rooms for row in room[1:] if "later" not in row]
     document: dict[str, object] = {"rows": rows, "clean": [room[0] for room in rooms]}
+    document["later"] = after
     noted = sum(bool(row["notes"]) for row in document["clean"])  # type: ignore[attr-defined]
     head = f"{len(rooms)} venues; {noted} have a note without a mistake, of the dome's shape or its floor."
     write(
         "mistakes",
         document,
-        ["# Mistakes that leave sound photographs", "", head, "", *table(rows)],
+        [
+            "# Mistakes that leave sound photographs",
+            "",
+            head,
+            "",
+            *table(rows),
+            "",
+            *later_table(after),
+        ],
     )
 
 

@@ -1,5 +1,6 @@
 """The study of mistakes, small: each is noticed at a strength, and by the words that name it."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -7,9 +8,9 @@ import pytest
 import studies.mistakes
 from procam.estimate import calibration as assemble
 from procam.estimate.light import floor_albedo
-from simulators.mistakes import STRENGTHS
+from simulators.mistakes import LATER_STRENGTHS, STRENGTHS
 from simulators.scene import SceneSize
-from studies.mistakes import Stage, clean_row, outcome, row_of, table
+from studies.mistakes import Stage, clean_row, later_rows, later_table, outcome, row_of, table
 
 SMALL = SceneSize(projectors=1, projector_size=(320, 200), camera_size=(400, 400), rays=128)
 FLOOR_DROPS = (0.2,)  # depths at which the floor may lie: no mistake is about it
@@ -61,3 +62,33 @@ def test_mistakes_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
         assert set(row["wrong"]) <= {"coverage"}, row  # of so small a picture it is coarse
     assert {row["mistake"][0] for row in rows} | SHOWN_BY.keys() == STRENGTHS.keys()
     assert len(list(table(rows))) == 2 + 3 * len(STRENGTHS)
+
+
+LATER = {
+    "one input takes full range for limited": {"signal range"},
+    "one input takes limited range for full": {"black level", "light"},
+    "too much contrast in one projector": {"signal range", "gamma setting"},
+    "dynamic black switched on in one": {"dynamic setting"},
+    "another gamma of blue in one": {"gamma setting"},
+}
+
+
+def test_mistakes_after_a_calibration_are_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(studies.mistakes, "SIZE", replace(SMALL, projectors=2))
+    monkeypatch.setattr(studies.mistakes, "TRUTH_SIZE", 128)
+    monkeypatch.setattr(assemble, "MAP_SIZE", 128)
+    monkeypatch.setattr(floor_albedo, "DROPS", FLOOR_DROPS)
+    monkeypatch.setattr(
+        studies.mistakes, "LATER_STRENGTHS", {n: s[-1:] for n, s in LATER_STRENGTHS.items()}
+    )
+    stage = Stage(1, tmp_path)
+    stage.calibrate(None)
+    rows = list(later_rows(stage))
+    assert [row["causes"] for row in rows if not row["later"]] == [[]]
+    for row in rows[1:]:
+        name = row["later"][0]
+        assert row["causes"] and set(row["causes"]) <= LATER[name], row
+    assert LATER.keys() == LATER_STRENGTHS.keys()
+    assert len(list(later_table(rows))) == 4 + len(LATER)
