@@ -45,3 +45,19 @@ def earlier_photographs(session: Session, camera: str) -> Iterator[Earlier]:
                 path = captures / entry.file
                 dated = path if path.is_file() else captures / "index.jsonl"
                 yield Earlier(folder, entry, dated.stat().st_mtime)
+
+
+def notes_of_earlier(session: Session, camera: str) -> list[str]:
+    """A line on photographs that another session of the venue has already."""
+    earlier = {
+        each.entry.sha256: each.session.name for each in earlier_photographs(session, camera)
+    }
+    own = session.stored(camera).values()
+    again = [(e.shot, earlier[e.sha256]) for e in own if e.shot != "dark" and e.sha256 in earlier]
+    if not again:
+        return []
+    shot, name = again[0]
+    return [
+        f"{len(again)} photographs, that of shot {shot} among them, are those of session {name}; if the "
+        "venue was photographed anew, ingest the new ones with --replace"
+    ]

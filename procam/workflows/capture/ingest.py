@@ -28,7 +28,7 @@ from procam.model.optics import CameraModel
 from procam.model.plan import Plan, Shot
 from procam.workflows.capture.brackets import solve_brackets
 from procam.workflows.capture.by_hand import PREFIX
-from procam.workflows.capture.earlier import earlier_photographs
+from procam.workflows.capture.earlier import notes_of_earlier
 from procam.workflows.capture.photo_index import read_index
 from procam.workflows.capture.session_plan import plan_of
 from procam.workflows.capture.settings import (
@@ -97,7 +97,7 @@ def ingest(
         keep_settings(session, camera, settings)
         match.notes += [*notes, *_keep_response(venue, session, camera, response)]
         yield from _store(session, exposed, model, response, surveyed, chosen)
-        match.notes += _notes_of_earlier(session, camera)
+        match.notes += notes_of_earlier(session, camera)
         yield Event("ingest", len(chosen), len(chosen), "stored", _summary(chosen, match))
 
 
@@ -288,22 +288,6 @@ def photo_frame(photo: Photo, counts: NDArray[np.uint16], shot: Shot, exposure_s
     started_s = photo.taken_s or 0.0
     settings = CameraSettings(exposure_s, "mono" if mono else "rgb")
     return Frame(np.ascontiguousarray(wanted), settings, started_s, started_s + exposure_s)
-
-
-def _notes_of_earlier(session: Session, camera: str) -> list[str]:
-    """A line on photographs that another session of the venue has already."""
-    earlier = {
-        each.entry.sha256: each.session.name for each in earlier_photographs(session, camera)
-    }
-    own = session.stored(camera).values()
-    again = [(e.shot, earlier[e.sha256]) for e in own if e.shot != "dark" and e.sha256 in earlier]
-    if not again:
-        return []
-    shot, name = again[0]
-    return [
-        f"{len(again)} photographs, that of shot {shot} among them, are those of session {name}; if the "
-        "venue was photographed anew, ingest the new ones with --replace"
-    ]
 
 
 def _summary(chosen: Mapping[Slot, int], match: Match) -> dict[str, object]:
