@@ -7,7 +7,7 @@ was already on its way is followed by black and a closed shutter. Black and shut
 import _thread
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from queue import Empty
 from typing import Self
@@ -22,6 +22,7 @@ from procam.model.frame import CameraSettings, Frame
 from procam.threads import Future, ThreadPool
 
 TURN_S = 0.3  # that black waits for a picture that is just being shown by another thread
+POLL_S = 0.02
 
 
 class Gate:
@@ -84,11 +85,15 @@ class _GuardedProjector:
 
 @dataclass(frozen=True)
 class _GuardedControl:
-    """A remote control; its own exchanges take turns already."""
+    """A remote control; its own exchanges take turns already.
+
+    `on_its_way` has an entry for each call that may still light the projector.
+    """
 
     control: ProjectorControl
     gate: Gate
     clock: Clock
+    on_its_way: list[None] = field(default_factory=list)
 
     def state(self) -> ControlState:
         return self.control.state()
@@ -106,12 +111,21 @@ class _GuardedControl:
         self.control.close()
 
     def _set(self, call: Callable[[], None], lit: bool) -> None:
-        if lit:
-            self.gate.check()
+        if not lit:
+            call()
+            return
+        self.on_its_way.append(None)
+        try:
+            self._light(call)
+        finally:
+            self.on_its_way.pop()
+
+    def _light(self, call: Callable[[], None]) -> None:
+        self.gate.check()
         try:
             call()
         finally:
-            if lit and self.gate.closed is not None:
+            if self.gate.closed is not None:
                 shut(self.control, self.clock)
                 self.gate.check()
 
@@ -125,10 +139,11 @@ class Guard:
 
     def __init__(self, rig: Rig) -> None:
         self._gate = gate = Gate()
+        controls = {n: _GuardedControl(each, gate, rig.clock) for n, each in rig.controls.items()}
         self.rig = Rig(
             {name: _GuardedCamera(camera, gate) for name, camera in rig.cameras.items()},
             {name: _GuardedProjector(each, gate) for name, each in rig.projectors.items()},
-            {name: _GuardedControl(each, gate, rig.clock) for name, each in rig.controls.items()},
+            controls,
             rig.clock,
             rig.closers,
         )
@@ -137,7 +152,7 @@ class Guard:
         }
         self._tasks: list[tuple[str, Callable[[], object]]] = [
             *((n, partial(p.show, black[n])) for n, p in self.rig.projectors.items()),
-            *((n, partial(self._shut, c)) for n, c in self.rig.controls.items()),
+            *((n, partial(self._shut, c)) for n, c in controls.items()),
         ]
         self._futures = dict[int, Future[object]]()  # of tasks that have not ended, by index
         self._threads = ThreadPool(len(self._tasks), TURN_S)
@@ -179,8 +194,12 @@ class Guard:
             del self._futures[index]
         return lit
 
-    def _shut(self, control: ProjectorControl) -> None:
+    def _shut(self, control: _GuardedControl) -> None:
         try:
             control.set_shutter(True)  # at once; what else there is to know takes longer
         except DeviceError:
+            shut(control, self.rig.clock)
+        if control.on_its_way:  # a lamp that is off may have been told to light
+            while control.on_its_way:
+                time.sleep(POLL_S)
             shut(control, self.rig.clock)

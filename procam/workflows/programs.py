@@ -2,6 +2,7 @@
 
 import os
 import subprocess
+import time
 from contextlib import suppress
 from functools import partial
 from queue import Empty
@@ -10,6 +11,9 @@ from procam.threads import start
 
 SHOWN = 200  # letters of what a program printed
 START_S = 0.5  # more, for a program whose file is on a disk that hangs
+POLL_S = 0.01
+# after vfork this process would stand still, watchdogs and all, until the program's file is read
+subprocess._USE_VFORK = False  # type: ignore[misc]
 
 
 def run_program(words: list[str], limit_s: float) -> tuple[int | None, str]:
@@ -20,7 +24,7 @@ def run_program(words: list[str], limit_s: float) -> tuple[int | None, str]:
     Raises
     ------
     OSError
-        It cannot be started.
+        It cannot be started, or its exit code is lost.
     """
     future = start(partial(_run, words, limit_s))
     try:
@@ -39,13 +43,33 @@ def _run(words: list[str], limit_s: float) -> tuple[int | None, str]:
     )
     assert process.stdout is not None
     with process.stdout as output:
-        try:
-            code = process.wait(limit_s)
-        except subprocess.TimeoutExpired:
+        code = _exit_code(process, limit_s)
+        if code is None:
             _kill(process)
             return None, ""
         os.set_blocking(output.fileno(), False)  # a child of its own may hold the other end
         return code, _shown(output.read() or b"")
+
+
+def _exit_code(process: subprocess.Popen[bytes], limit_s: float) -> int | None:
+    """Wait for a program; None if it did not end in time.
+
+    `Popen.wait` returns 0 for a program whose exit code is lost, as where SIGCHLD is ignored: a no of an
+    interlock would be a yes.
+    """
+    deadline_s = time.monotonic() + limit_s
+    while True:
+        try:
+            found, status = os.waitpid(process.pid, os.WNOHANG)
+        except ChildProcessError as error:
+            process.returncode = -1  # nothing is left to wait for
+            raise OSError(error.errno, "its exit code is lost") from error
+        if found:
+            process.returncode = os.waitstatus_to_exitcode(status)
+            return process.returncode
+        if time.monotonic() >= deadline_s:
+            return None
+        time.sleep(POLL_S)
 
 
 def _kill(process: subprocess.Popen[bytes]) -> None:

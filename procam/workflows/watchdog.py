@@ -25,6 +25,7 @@ LATE_S = 2.0  # an answer after this is no
 DARK_S = 1.0  # for all projectors to confirm that they are dark
 AGAIN_S = 240.0  # for one that does not, such as a lamp that is warming up
 END_S = 30.0  # for the run to end when its light is gone
+LOOK_S = 0.05  # for a signal while an answer is awaited
 PRINT_S = 1.0  # for a line on stderr, which may be a pipe that nobody reads
 Taken = Callable[[ProcamError, dict[str, str]], None]
 
@@ -98,13 +99,23 @@ class Watchdog:
         while True:
             asked_s = time.monotonic()
             try:
-                ask(self._question, self._late)
-                if self._wait(asked_s + ASK_EVERY_S - time.monotonic()):
+                if self._ask() or self._wait(asked_s + ASK_EVERY_S - time.monotonic()):
                     return None
             except ProcamError as error:
                 return error
             except BaseException as error:
                 return DeviceError(f"the interlock could not be asked ({error})")
+
+    def _ask(self) -> bool:
+        """Ask as `ask` does; whether the rig is left meanwhile. A signal is an error at once."""
+        answer, deadline_s = start(self._question), time.monotonic() + LATE_S
+        while time.monotonic() < deadline_s:
+            with suppress(Empty):
+                answer.result(LOOK_S)
+                return False
+            if self._wait(0.0):
+                return True
+        raise DeviceError(self._late)
 
     def _wait(self, duration_s: float) -> bool:
         """Wait for a while; whether the rig is left. A signal is an error, unless the light is gone."""

@@ -4,7 +4,9 @@ import re
 import shlex
 
 QUOTED = re.compile(r"\\.|'[^']*'|\"(?:\\.|[^\"\\])*\"", re.DOTALL)
-OF_A_SHELL = re.compile(r"&&|\|\||[&|;<>$`*()\n]")
+# "[" alone is a program; "~" and "#" are the shell's at the beginning of a word only
+OF_A_SHELL = re.compile(r"&&|\|\||[&|;<>$`*?{}()\n]|(?<![^\s=:])~|(?<!\S)#|\[(?=\S)|(?<=\S)\[")
+PART = "_"  # stands for a quoted part that a shell leaves as it is
 EXPANDED = re.compile(r"[$`]")  # between double quotes
 SCRIPT = "write a script and give its path"
 
@@ -16,7 +18,8 @@ def command_words(text: str) -> list[str]:
     ------
     ValueError
         It has no words, an open quote, a control character, or what only a shell would understand outside
-        single quotes: `&`, `|`, `;`, `<`, `>`, `$`, a backtick, `*` or a bracket.
+        single quotes: `&`, `|`, `;`, `<`, `>`, `$`, a backtick, `*`, `?`, a bracket, or a word that begins
+        with `~` or `#`. As a plain letter it would turn the question of an interlock into another one.
     """
     found = OF_A_SHELL.search(QUOTED.sub(_expanded, text))
     if found:
@@ -38,4 +41,4 @@ def command_words(text: str) -> list[str]:
 def _expanded(quoted: re.Match[str]) -> str:
     """What a shell would expand of a quoted part."""
     found = EXPANDED.search(quoted[0]) if quoted[0].startswith('"') else None
-    return found[0] if found else ""
+    return found[0] if found else PART

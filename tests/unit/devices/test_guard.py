@@ -108,6 +108,11 @@ class Bench:
         """Take the light, from another thread."""
         assert start(lambda: self.guard.close(WHY, STUCK_S)).result(STUCK_S) == {}
 
+    def take_in_a_call(self) -> None:
+        """The same while a call to the remote control is on its way, which may light it yet."""
+        lit = start(lambda: self.guard.close(WHY, 0.1)).result(STUCK_S)
+        assert lit == {"p": "no answer within 0.1 s"}
+
     @property
     def dark(self) -> bool:
         return not self.projector.lit and not self.control.open
@@ -156,9 +161,12 @@ def test_nothing_lights_after_that_and_all_is_dark(bench: Bench) -> None:
 def test_a_call_that_is_on_its_way_is_followed_by_darkness(number: int, bench: Bench) -> None:
     """Also one that hangs for longer than black waits for its turn."""
     device, call = calls(bench)[number]
-    getattr(bench, device).meanwhile = bench.take
+    take = bench.take_in_a_call if device == "control" else bench.take
+    getattr(bench, device).meanwhile = take
     with pytest.raises(InputError, match="somebody may be in the dome"):
         call()
+    assert bench.dark
+    bench.take()
     assert bench.dark
 
 
@@ -216,3 +224,13 @@ def test_a_lamp_that_is_off_is_dark(bench: Bench) -> None:
     bench.control.power = Power.STANDBY
     bench.take()
     assert bench.dark
+
+
+def test_a_lamp_that_is_told_to_light_is_not_dark_yet(bench: Bench) -> None:
+    """It says that it is off, until the order arrives."""
+    bench.control.power = Power.STANDBY
+    bench.control.meanwhile = bench.take_in_a_call
+    with pytest.raises(InputError, match="somebody may be in the dome"):
+        bench.rig.controls["p"].set_power(True)
+    bench.take()
+    assert bench.dark and bench.control.power is Power.ON

@@ -1,5 +1,7 @@
 """Programs get a time limit, and whatever they do, there is an answer."""
 
+import signal
+import subprocess
 import sys
 import time
 
@@ -43,3 +45,18 @@ def test_long_texts_are_cut() -> None:
 def test_one_that_is_not_there() -> None:
     with pytest.raises(OSError, match="no-such"):
         run_program(["/no-such-program"], LIMIT_S)
+
+
+@pytest.mark.parametrize("script", ["exit 1", "sleep 0.2; exit 1", "exit 0"])
+def test_an_exit_code_that_is_lost_is_no_success(script: str) -> None:
+    """Whoever started procam may have ignored SIGCHLD, which it inherits."""
+    before = signal.signal(signal.SIGCHLD, signal.SIG_IGN)
+    try:
+        with pytest.raises(OSError, match="its exit code is lost"):
+            run_program(["sh", "-c", script], LIMIT_S)
+    finally:
+        signal.signal(signal.SIGCHLD, before)
+
+
+def test_this_process_does_not_stand_still_while_the_system_reads_the_program() -> None:
+    assert not subprocess._USE_VFORK
