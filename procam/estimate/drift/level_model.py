@@ -157,11 +157,16 @@ class LevelModel:
         change, low, high = x
         shown = ((self._drives if drives is None else drives) - low) / (high - low)
         drive = np.clip(self._raised + (1 - self._raised) * shown, 0, 1)
-        light = np.stack([self._between(drive, c) for c in self._old.T], axis=1) ** np.exp(change)
+        light = np.stack([self._between(drive, c) for c in self._old.T], axis=1)
+        light = _power(light, np.exp(change))
         return np.asarray((light - light[0]) / (light[-1] - light[0]))
 
     def _between(self, drive: Array, column: Array) -> Array:
         """A response (L,) at other drives (n,), interpolated where it is nearly linear."""
-        return np.asarray(
-            np.interp(drive, self._drives, np.clip(column, 0, None) ** (1 / GAMMA)) ** GAMMA
-        )
+        roots = np.interp(drive, self._drives, _power(column, 1 / GAMMA))
+        return _power(np.asarray(roots), GAMMA)
+
+
+def _power(light: Array, exponent: float) -> Array:
+    """A power of light, which is below 0 where the darkest tile gets more scattered light than its own."""
+    return np.asarray(np.sign(light) * np.abs(light) ** exponent)

@@ -28,6 +28,7 @@ CLEAR_PX, CLEAR_SIGMAS, CLEAR_SHARE = 3.0, 4.0, 0.75
 # in focus it is .3 to .8
 MAX_BLUR = 2.5
 OVERSHOOT = 0.02  # of unsharpened edges it is below 0
+LEAST_SHARE = 0.5  # of the direct light of white that is left when scattered light is taken away
 GREEN = 1
 EDGE_REACH = 5.0  # how far from an edge its blur is measured [pixel extents]
 MIN_SLOPE = 0.05  # of a projector's coordinate over a camera pixel [projector px]
@@ -170,10 +171,15 @@ class Separation:
         return float(np.sqrt(np.pi / 2) * reach[near].mean() * (1 - share[0] / share[1]).max())
 
     def _direct_green(self, pattern: Image, inverse: Image, bright: BoolArray) -> FloatArray:
-        """Direct green light (H, W) of white, from a pair whose fluxes and scattered light may differ."""
+        """Direct green light (H, W) of white, from a pair whose fluxes and scattered light may differ.
+
+        NaN where its stripes hold most of the flux, so that the unevenness of scattered light outweighs it.
+        """
         surplus = float((self.flux_share(pattern) - self.flux_share(inverse))[GREEN])
         direct = (pattern - inverse)[..., GREEN] - surplus * self._white[..., GREEN]
-        return np.asarray(direct / np.where(bright, 1 - surplus, -1 - surplus), np.float32)
+        share = np.where(bright, 1 - surplus, -1 - surplus)
+        share[np.abs(share) < LEAST_SHARE] = np.nan
+        return np.asarray(direct / share, np.float32)
 
     def _add_dark(self, light: Image, dark: BoolArray) -> None:
         share = self.flux_share(light)

@@ -153,3 +153,12 @@ def test_levels_of_tiles(rng: np.random.Generator) -> None:
     assert np.allclose(found.mean, DRIVES[:, None], atol=1e-3)
     few = LevelLight.of(white * picture, white, np.where(index == 3, -1, index))
     assert np.isnan(few.mean[3]).all() and np.isfinite(few.mean[4]).all()
+
+
+def test_tiles_that_are_darker_than_black_are_no_change(rng: np.random.Generator) -> None:
+    """The black tile gets more scattered light than its neighbour, as on a small panel."""
+    before = light(rng)
+    before.mean[0] += 0.02
+    found = compare_levels(before, before, 0.0)
+    assert found is not None
+    assert abs(found.rest.size) < 1e-9

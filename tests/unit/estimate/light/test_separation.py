@@ -209,6 +209,21 @@ class TestSeparation:
             separation.add_pair("x", bit, *(p + more / 2 for p in scene.pair("x", bit)))
         assert -0.1 < separation.overshoot < OVERSHOOT
 
+    @pytest.mark.parametrize("columns", [6, 12])
+    def test_a_stripe_that_holds_nearly_all_of_the_light_shows_no_overshoot(
+        self, columns: int
+    ) -> None:
+        """As of a panel with little beyond the edge of its widest stripes: scattered light is uneven."""
+        bit, px_per_px = 8, 1.6
+        scene = Scene(right=int(50 + 2**bit / px_per_px) + columns, px_per_px=px_per_px)
+        uneven = 0.005
+        separation = Separation(scene.white(), scene.xy, scene.lit, scene.solid)
+        for each in SEPARATION_BITS:
+            separation.add_pair("x", each, *scene.pair("x", each))
+            pattern, inverse = scene.pair("x", bit)
+            separation.add_pair("x", bit, pattern + uneven, inverse - uneven)
+        assert separation.overshoot < OVERSHOOT
+
     def test_a_blur_that_one_pair_does_not_show_is_that_of_another(self, scene: Scene) -> None:
         blurred = Scene(blur_px=(2.0,) * 3)
         separation = Separation(blurred.white(), blurred.xy, blurred.lit, blurred.solid)
