@@ -189,8 +189,8 @@ class Guard:
             except Empty:
                 lit[name] = f"no answer within {patience_s:g} s"
                 continue
-            except Exception as error:
-                lit[name] = str(error)
+            except BaseException as error:  # also a driver's SystemExit, which would end a watchdog
+                lit[name] = str(error) or type(error).__name__
             del self._futures[index]
         return lit
 

@@ -45,7 +45,15 @@ WATCHED = 2  # projectors that are verified where others are to be recalibrated
 WORSE, LEAST_RESIDUAL_PX = 3.0, 0.05
 MOST_LOST = 0.1  # of the lit share of a panel: a projector that is nudged by degrees keeps more
 STAYS = "the calibration before stays in use; put that right, and recalibrate again"
-_NUMBER = re.compile(r"[+-]?\d+(\.\d+)?%?")
+REFINED = (
+    "the calibration was refined, and what that corrected in the gains of these projectors is not in their "
+    "new ones: refine again (procam refine)"
+)
+# a number of a note, and not of a device's name
+_NUMBER = re.compile(
+    r"(?<![\w.-])(?<!projector )(?<!camera )[+-]?(\d+(?:\.\d+)?)(?:e[+-]?\d+)?(%?)"
+)
+MUCH_MORE, LEAST_MORE = 2.0, 1.0  # times a percentage of before, and percent beyond that
 # causes that new photographs of a projector make up for; others want a hand first
 HELPED: tuple[Cause, ...] = ("moved", "light", "colour", "gamma setting", "black level")
 BLOCKING: tuple[Cause, ...] = (
@@ -123,22 +131,35 @@ def _solved(
     directory = next_directory(venue.directory)
     save_calibration(calibration, directory)
     use_calibration(venue.directory, used if worse else directory)
+    refined = [REFINED] if "loop_iterations" in old.quality else []
     data = {
         "calibration": str(directory),
         "session": str(session.directory),
         "projectors": list(names),
-        "notes": [*notes, *worse, *([STAYS] if worse else [])],
+        "notes": [*notes, *worse, *([STAYS] if worse else refined)],
     }
     yield Event("solve", total, total, f"{directory} written", data)
 
 
 def _new_notes(old: Calibration, notes: Sequence[str]) -> list[str]:
-    """Notes of new photographs that the calibration did not have, whatever the numbers in them.
+    """Notes of new photographs that the calibration did not have, or with much smaller percentages.
 
     Each says that a figure is wrong or may be, and the calibration that is to be repaired is not.
     """
-    known = {_NUMBER.sub("", str(note)) for note in old.provenance.get("notes", ())}
-    return [note for note in notes if _NUMBER.sub("", note) not in known]
+    known = [str(note) for note in old.provenance.get("notes", ())]
+    return [note for note in notes if not any(_is_known(note, each) for each in known)]
+
+
+def _is_known(note: str, before: str) -> bool:
+    """Whether a note says what one before said, of the same device and of no much larger share."""
+    if _NUMBER.sub("", note) != _NUMBER.sub("", before):
+        return False
+    both = zip(_NUMBER.findall(note), _NUMBER.findall(before), strict=True)
+    return all(
+        float(now) <= MUCH_MORE * float(then) + LEAST_MORE
+        for (now, percent), (then, _) in both
+        if percent
+    )
 
 
 def _worse(old: Calibration, repaired: "_Repaired", name: str) -> list[str]:
@@ -218,7 +239,7 @@ def _repaired(
     """Solve one projector from a session; `source` is the session of the calibration."""
     measured, geometry, notes = _measured(venue, session, old, name)
     before, *_ = _measured(venue, source, old, name)
-    about = re.compile(rf"projector {re.escape(name)}\b")
+    about = re.compile(rf"projector {re.escape(name)}(?![\w-])")
     kept = [note for note in old.provenance.get("notes", ()) if not about.search(str(note))]
     origin: dict[str, Any] = {
         **provenance(venue, session),

@@ -111,7 +111,7 @@ class Unattended:
         try:
             code, printed = run_program([*command_words(self._table.notify), message], NOTIFY_S)
             problem = f"did not end within {NOTIFY_S:g} s" if code is None else f"ended with {code}"
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, RuntimeError) as error:
             code, printed, problem = None, "", f"cannot be run: {error}"
         if code != 0:
             print_line(
@@ -164,9 +164,11 @@ class Unattended:
     def _give_up(self, why: ProcamError, lit: dict[str, str]) -> None:
         """End the process, whose light is gone, but which a device or a disk keeps from ending."""
         text = f"{why}; {state_in_words(lit)}. A device or a disk does not answer: the process is ended"
-        self.send(f"failed: {text}")
-        print_line(text)
-        os._exit(1 if isinstance(why, DeviceError) else 2)
+        try:
+            self.send(f"failed: {text}")
+            print_line(text)
+        finally:
+            os._exit(1 if isinstance(why, DeviceError) else 2)
 
 
 class Attended:

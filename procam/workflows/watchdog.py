@@ -167,5 +167,5 @@ def state_in_words(lit: dict[str, str]) -> str:
 
 def print_line(text: str) -> None:
     """Write a line to stderr, which may be a pipe that nobody reads."""
-    with suppress(Empty):
+    with suppress(Empty, RuntimeError):  # or a system that starts no more threads
         start(partial(announce, text)).result(PRINT_S)

@@ -129,6 +129,18 @@ def test_refused_before_anything_is_lit(
     assert all(not stage.lit() for stage in stages)
 
 
+@pytest.mark.parametrize("command", ["verify", "recalibrate"])
+def test_a_calibration_that_cannot_be_read_is_in_the_message(
+    command: str, venue: Path, stages: list[Stage]
+) -> None:
+    message = allow(venue)
+    next(venue.glob("calibrations/*/calibration.json")).write_text("{}")
+    ran = procam(command, venue, "--unattended")
+    assert ran.code == 2 and "calibration.json" in ran.complaint
+    assert message.read_text().startswith(f"procam {command} venue: failed: ")
+    assert all(not stage.lit() for stage in stages)
+
+
 @pytest.mark.parametrize("key", ["interlock", "notify"])
 @pytest.mark.parametrize(
     ("command", "words"),

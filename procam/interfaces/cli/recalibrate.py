@@ -37,8 +37,8 @@ def recalibrate(
     """
     loaded, output = load_venue(venue), Output(json, RunLog(venue, "recalibrate"))
     used = calibration_in_use(venue)
-    verify_unchanged(venue, used)
     with recorded(venue, "recalibrate"), leave_for(loaded, "recalibrate", unattended) as leave:
+        verify_unchanged(venue, used)  # here, so that whoever is to be notified hears of it
         events = recalibrating(leave.rig, loaded, used, projector or [])
         data = output.follow(leave.watch(events))
         leave.notify(

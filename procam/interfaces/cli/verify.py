@@ -49,11 +49,11 @@ def verify(
     """
     venue, kept = venue_of_calibration(start), chosen_calibration(start)
     loaded, output = load_venue(venue), Output(json, RunLog(venue, "verify"))
-    verify_unchanged(venue, kept)
-    calibration = load_calibration(kept)
     verified: Verified | None = None
     try:
         with recorded(venue, "verify") as run, leave_for(loaded, "verify", unattended) as leave:
+            verify_unchanged(venue, kept)  # here, so that whoever is to be notified hears of it
+            calibration = load_calibration(kept)
             try:
                 given = given_photographs(photos, replace)
                 with photographer_of(

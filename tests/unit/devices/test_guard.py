@@ -208,6 +208,14 @@ def test_what_fails_is_said(bench: Bench) -> None:
     assert bench.guard.close(WHY, STUCK_S) == {"p": "stuck"}
 
 
+def test_a_driver_that_wants_to_end_the_process_is_named(bench: Bench) -> None:
+    def ends(_: object) -> Shown:
+        raise SystemExit
+
+    bench.projector.show = ends  # type: ignore[assignment]
+    assert bench.guard.close(WHY, STUCK_S) == {"p": "SystemExit"}
+
+
 def test_a_lamp_that_is_warming_up_is_waited_for(bench: Bench) -> None:
     bench.control.power, bench.control.open = Power.WARMING, True
 

@@ -1,0 +1,34 @@
+"""Notes of a repair: those that are new keep it out of use, and those of before do not."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from procam.workflows.recalibrate import _new_notes
+
+WALKED = "projector {}: someone moved before the screen; gains are off by {}% in {} photographs"
+BRIGHTER = "projector south: its stripes are {} brighter beside their edges, +-{:.1g} px"
+
+
+def new(note: str, *before: str) -> bool:
+    old: Any = SimpleNamespace(provenance={"notes": before})
+    return _new_notes(old, [note]) == [note]
+
+
+@pytest.mark.parametrize("names", [("p1", "p2"), ("1", "2"), ("hall-1", "hall-2")])
+def test_a_note_on_another_projector_is_not_that_of_this_one(names: tuple[str, str]) -> None:
+    first, second = names
+    assert new(WALKED.format(second, 48, 9), WALKED.format(first, 47, 9))
+    assert not new(WALKED.format(first, 48, 11), WALKED.format(first, 47, 9))
+
+
+def test_a_note_with_a_much_larger_share_is_new() -> None:
+    assert new(WALKED.format("south", 48, 9), WALKED.format("south", 1, 9))
+    assert not new(WALKED.format("south", 1, 9), WALKED.format("south", 48, 9))
+    assert not new(WALKED.format("south", 1.4, 9), WALKED.format("south", 0.3, 9))
+
+
+def test_digits_that_differ_are_not_new() -> None:
+    assert not new(BRIGHTER.format("3%", 1e-5), BRIGHTER.format("2.5%", 0.3))
+    assert new("camera zenith: another sentence", BRIGHTER.format("3%", 1))
