@@ -143,8 +143,20 @@ def canvas(document: Mapping[str, Any]) -> Canvas:
     """The dome master that content is drawn on."""
     entry = document.get("canvas")
     if entry is None:
-        return STANDARD
+        return _canvas_of_server(document["projectors"])
     return Canvas(number(entry, "fov", FIELD_OF_VIEW), number(entry, "rotation", ANGLE))
+
+
+def _canvas_of_server(projectors: Mapping[str, Any]) -> Canvas:
+    """The canvas of files without one: a media server is a fisheye at the dome's centre."""
+    devices = [*projectors.values()]
+    if len(devices) != 1 or devices[0]["lens"]["kind"] != "kannala-brandt":
+        return STANDARD
+    optics, place = lens(devices[0]["lens"]), pose(devices[0]["projector_from_dome"])
+    fov = size_of(devices[0])[0] / float(optics.focal[0])
+    rotation = float(np.arctan2(place.rotation[0, 0], -place.rotation[0, 1]))
+    standard = np.allclose([fov, rotation], [STANDARD.fov, STANDARD.rotation], atol=1e-9)
+    return STANDARD if standard or place.translation.any() else Canvas(fov, rotation)
 
 
 def response(entry: dict[str, Any]) -> ResponseCurve:

@@ -10,10 +10,13 @@ import numpy as np
 import pytest
 
 from procam.errors import FileFormatError, InputError
+from procam.estimate.media_server.dome_master import DomeMaster
 from procam.files.calibration import load_calibration, load_dome, save_calibration
 from procam.files.images.layers import read_channels, write_channels
 from procam.files.versions import calibration_in_use, list_calibrations, next_directory
-from procam.model.calibration import Calibration
+from procam.maths.geometry.canvas import STANDARD
+from procam.model.calibration import Calibration, ProjectorCalibration
+from procam.model.correspondence import ProjectorSurface
 from procam.model.mask import Mask
 from procam.model.transport import Measured, ScatterKernel
 from procam.model.venue_state import VenueState
@@ -124,6 +127,33 @@ class TestRoundTrip:
         with pytest.raises(TypeError):
             save_calibration(unfit, tmp_path / "0001")
         assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(("fov_deg", "rotation_deg"), [(180, 0), (220, -50)])
+def test_the_canvas_of_a_media_server_is_known_without_its_entry(
+    fov_deg: float, rotation_deg: float, tmp_path: Path, calibration: Calibration
+) -> None:
+    """Files of earlier versions have none, but the server itself."""
+    server = DomeMaster("south", 48, np.radians(fov_deg), np.radians(rotation_deg))
+    south = calibration.projectors["south"]
+    surface = {
+        f.name: getattr(south.surface, f.name)[:30].repeat(2, axis=0)[:48]
+        for f in dataclasses.fields(south.surface)
+    }
+    photometry = dataclasses.replace(south.photometry, gain=surface["direction"])
+    devices = {
+        "south": ProjectorCalibration(
+            server.model, ProjectorSurface(**surface), photometry, surface["measured"]
+        )
+    }
+    save_calibration(dataclasses.replace(calibration, projectors=devices), tmp_path / "0001")
+    path = tmp_path / "0001" / "calibration.json"
+    document = json.loads(path.read_text())
+    del document["canvas"]
+    path.write_text(json.dumps(document))
+    found = load_calibration(tmp_path / "0001").canvas
+    assert (found.fov, found.rotation) == pytest.approx((server.fov, server.rotation))
+    assert (found == STANDARD) == (fov_deg == 180)
 
 
 def test_paths_may_be_text(tmp_path: Path, calibration: Calibration) -> None:

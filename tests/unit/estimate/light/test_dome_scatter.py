@@ -51,7 +51,7 @@ def measured(
     """
     near = ((glare[1] / 2, 0.03), (glare[1] / 2, 0.1)) if glare[1] else ()
     lens = Lens("kannala-brandt", np.ones(2), np.zeros(2), np.zeros(4))
-    camera = CameraModel("c", (CELLS, CELLS), lens, Sensor(12, 0.0, (), glare[0], 0.0, near))
+    camera = CameraModel("c", (CELLS, CELLS), lens, Sensor(12, 0.0, (0.0,), glare[0], 0.0, near))
     inside = INSIDE.reshape(CELLS, CELLS)
     view = DomeView(
         camera, DIRECTION.reshape(CELLS, CELLS, 3), inside, np.where(inside, stretch * SOLID_SR, 0)
