@@ -319,8 +319,7 @@ class TestRefusals:
         self, venue: Venue, calibration: Calibration, rig: Rig
     ) -> None:
         cameras = {"side": calibration.cameras[CAMERA]}
-        other = replace(calibration, cameras=cameras, main_camera="side")
-        message = self._complaint(rig, venue, other, InputError)
+        message = self._complaint(rig, venue, replace(calibration, cameras=cameras), InputError)
         assert "venue.toml: " in message and "no camera side" in message and "[200, " in message
         south = calibration.projectors["south"]
         larger = replace(south, model=replace(south.model, size=(256, 160)))

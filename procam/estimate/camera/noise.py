@@ -67,6 +67,23 @@ def noise_from_repeat(first: AnyArray, second: AnyArray, sensor: Sensor) -> Nois
     return _fit_robustly(0.5 * (a + b), (a - ratio * b) ** 2 / (1 + ratio**2))
 
 
+def noise_from_pairs(counts: Sequence[AnyArray], sensor: Sensor) -> NoiseLaw:
+    """Noise law of the signal above black [DN] from a pattern, its inverse, another and its, (n,) each.
+
+    Each pair adds up to white and black, whatever the stripes and their blur. The variance of a sum is
+    that of two samples, at a level that is the sum of theirs.
+    """
+    light = [np.asarray(c, float) - sensor.black_level for c in counts]
+    sound = np.max(light, axis=0) < sensor.full_scale
+    p, p_inverse, q, q_inverse = (c[sound] for c in light)
+    a, b = p + p_inverse, q + q_inverse
+    ratio = float(a @ b) / max(float(b @ b), 1e-9)
+    level = 0.5 * (a + b)
+    rounding = 2 * _rounding(np.ravel(light), level)
+    law = _fit_robustly(level, (a - ratio * b) ** 2 / (1 + ratio**2), rounding)
+    return NoiseLaw(law.floor / 2, law.per_level)
+
+
 def fit_noise_law(level: Array, variance: Array) -> NoiseLaw:
     """Noise law from unbiased estimates (N,) of the variance at levels (N,), without outliers."""
     groups = _groups(level)
@@ -76,21 +93,32 @@ def fit_noise_law(level: Array, variance: Array) -> NoiseLaw:
     )
 
 
-def _fit_robustly(level: Array, square: Array) -> NoiseLaw:
+def _rounding(counts: Array, level: Array) -> Array:
+    """Variance of rounding at levels (n,), by the steps between the counts (N,) that occur [DN^2].
+
+    Counts that were decoded from photographs of 8 bits keep those steps, wide where it is bright, and
+    photographs that are noiseless repeat their rounding.
+    """
+    known = np.unique(counts)
+    return np.interp(level, known[1:], np.diff(known) ** 2 * ROUNDING)
+
+
+def _fit_robustly(level: Array, square: Array, rounding: Array | float = ROUNDING) -> NoiseLaw:
     """Noise law from squared errors (N,) of counts, with edges and glints among them.
 
-    Each round cuts the errors at 3 sigma of the law before it. That law also corrects for the growth of
-    the variance within a group.
+    Nowhere is the variance less than that of `rounding`, one or (N,). Each round cuts the errors at
+    3 sigma of the law before it. That law also corrects for the growth of the variance within a group.
     """
     groups = _groups(level)
     levels = np.array([level[g].mean() for g in groups])
+    least = np.array([np.mean(np.broadcast_to(rounding, level.shape)[g]) for g in groups])
     law = NoiseLaw(1.0, 0.0)
     for number in range(ROUNDS):
         share = square / law.variance(np.maximum(level, 0))
         means = [_mean_square(share[g], coarse=number == 0) for g in groups]
         variances = means * law.variance(np.maximum(levels, 0))
-        law = _line(levels, np.maximum(variances, ROUNDING))
-        law = NoiseLaw(max(law.floor, ROUNDING), law.per_level)
+        law = _line(levels, np.maximum(variances, least))
+        law = NoiseLaw(max(law.floor, float(least.min())), law.per_level)
     return law
 
 

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from procam.arrays import AnyArray, IndexArray
+from procam.arrays import AnyArray, IndexArray, Map
 from procam.estimate.structured_light.cells import CellImages, Cells
 from procam.estimate.structured_light.codes import AXES, Axis, Code
 from procam.estimate.structured_light.limits import DecodeLimits, default_limits
@@ -53,7 +53,7 @@ class OrderConsistency:
     def __init__(self, code: Code, probes: Sequence[AnyArray]) -> None:
         self._code, self._probes = code, probes
         self._scored: dict[tuple[int | None, ...], float] = {}
-        self._lit_of: dict[tuple[int, int], tuple[list[AnyArray], float]] = {}
+        self._lit_of: dict[tuple[int, int], tuple[list[AnyArray], float | Map]] = {}
 
     def along(self, order: Order, axis: Axis) -> float:
         """Share of the triples, 0..1, that are straight along one axis."""
@@ -85,7 +85,7 @@ class OrderConsistency:
         straight = bend <= STRAIGHT_PX * self._code.axis(axis).resolution_px  # false for NaN
         return float(np.mean(straight * trust.min(axis=1)))
 
-    def _lit_probes(self, white: int, black: int) -> tuple[list[AnyArray], float]:
+    def _lit_probes(self, white: int, black: int) -> tuple[list[AnyArray], float | Map]:
         """Samples (n, 3) of every photograph in the lit triples, and the least contrast of a bit."""
         span = self._probes[white] - self._probes[black]
         limits = default_limits(self._probes[white], self._probes[black])
@@ -100,7 +100,7 @@ def _columns(
     shown: dict[int, AnyArray],
     white: AnyArray,
     black: AnyArray,
-    contrast: float,
+    contrast: float | Map,
 ) -> tuple[AnyArray, AnyArray]:
     """Columns (n, 3) by a fast decoding, NaN where unknown, and how far to trust them, 0..1."""
     codewords = code.axis(axis).codewords

@@ -4,10 +4,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from procam.arrays import AnyArray, BoolArray
+from procam.arrays import AnyArray, Array32, BoolArray, Map
+from procam.estimate.camera.noise import NoiseLaw
 from procam.maths.statistics import robust_sigma
+from procam.model.optics import Sensor
 
 LIT_SHARE = 0.1
+WHITE_SIGMAS, CONTRAST_SIGMAS = 5.0, 4.0  # of a difference of two samples, by a known noise law
 BEYOND_SHARE = 0.03  # of pixels whose stripes are certain: misread ones at edges are fewer
 WAVES_BEYOND_SHARE = 0.15  # where waves alone are judged, edges and mixtures give .08
 WAVES_BEYOND_MOST = 0.3  # a set with more is refused: a wrong sign of all shifts gives .37
@@ -19,8 +22,8 @@ class DecodeLimits:
 
     Attributes
     ----------
-    white_black : white - black must exceed this.
-    contrast : |pattern - inverse| must reach this in every pair of stripes.
+    white_black : white - black must exceed this; one for all pixels, or (H, W).
+    contrast : |pattern - inverse| must reach this in every pair of stripes; one for all pixels, or (H, W).
     lit_share : direct light must be this share of white - black. Scattered light reaches the whole
         dome, so white - black alone would accept all of it (docs/theory/interreflection.md). 0 means
         that there is no scattered light.
@@ -28,8 +31,8 @@ class DecodeLimits:
     neighbours : a pixel must agree with its neighbourhood, or it is dropped.
     """
 
-    white_black: float
-    contrast: float
+    white_black: float | Map
+    contrast: float | Map
     lit_share: float = LIT_SHARE
     saturated: float | None = None
     dark: float | None = None
@@ -56,6 +59,22 @@ def default_limits(white: AnyArray, black: AnyArray) -> DecodeLimits:
         saturated=full_scale(white) if whole else None,
         dark=0.0 if whole else None,
     )
+
+
+def limits_by_noise(
+    white: AnyArray, black: AnyArray, law: NoiseLaw, sensor: Sensor
+) -> DecodeLimits:
+    """Limits for counts (H, W) of a camera whose noise law is known, pixel by pixel."""
+    sigma = difference_sigma(white, black, law, sensor)
+    return DecodeLimits(
+        WHITE_SIGMAS * sigma, CONTRAST_SIGMAS * sigma, saturated=2.0**sensor.bits - 1
+    )
+
+
+def difference_sigma(white: AnyArray, black: AnyArray, law: NoiseLaw, sensor: Sensor) -> Array32:
+    """Standard error (H, W) of white - black, or of a pattern - its inverse [DN]."""
+    levels = (np.maximum(counts - sensor.black_level, 0) for counts in (white, black))
+    return np.sqrt(np.sum([law.variance(level) for level in levels], axis=0), dtype=np.float32)
 
 
 def full_scale(white: AnyArray) -> float:

@@ -21,12 +21,12 @@ HALF_LIT = 0.5  # of the brightest of the surroundings: the edge of the picture 
 AROUND = 5  # camera pixels, edge of these surroundings
 
 
-def with_area_error(found: CorrespondenceMap, span: Map, least: float) -> CorrespondenceMap:
+def with_area_error(found: CorrespondenceMap, span: Map, least: float | Map) -> CorrespondenceMap:
     """The map with what the light's slope within a pixel adds to its standard error.
 
-    `span` (H, W) is white - black, of which less than `least` counts as `least`.
+    `span` (H, W) is white - black, of which less than `least`, one or (H, W), counts as `least`.
     """
-    down, across = np.gradient(np.log(np.maximum(span, max(least, 1e-9))))
+    down, across = np.gradient(np.log(np.maximum(span, np.maximum(least, 1e-9))))
     error = np.zeros(found.sigma_px.shape, np.float32)
     for i in range(2):
         by_row, by_column = (_slope(found.projector_xy[..., i], axis) for axis in (0, 1))

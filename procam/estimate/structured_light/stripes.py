@@ -41,7 +41,8 @@ class StripeDecoder:
     def __init__(
         self, codewords: NDArray[np.integer], white: AnyArray, black: AnyArray, limits: DecodeLimits
     ) -> None:
-        self._codewords, self._contrast = codewords, limits.contrast
+        self._codewords = codewords
+        self._contrast = np.broadcast_to(np.float32(limits.contrast), white.shape)
         self._white, self._black = white, black
         self._scattering = limits.lit_share > 0
         self._code = np.zeros(white.shape, np.uint16)
@@ -54,7 +55,7 @@ class StripeDecoder:
         self._lost: list[Plane] = []
         some = slice(None, None, max(1, white.size // PROBES))
         span = _difference(np.ravel(white)[some], np.ravel(black)[some])
-        self._probe = np.arange(white.size)[some][span > 4 * self._contrast]
+        self._probe = np.arange(white.size)[some][span > 4 * np.ravel(self._contrast)[some]]
         self._levels = [np.ravel(level)[self._probe] for level in (white, black)]
         self._total = float(white.sum(dtype=float) - black.sum(dtype=float))
 
@@ -126,7 +127,8 @@ class StripeDecoder:
         miss = _difference(pattern, self._levels[0]) + _difference(inverse, self._levels[1])
         miss = miss[self._levels[0] < self._levels[0].max()]  # a clipped white has no valid sum
         sigma = robust_sigma(miss) / 2 if miss.size else 0.0
-        clear = max(self._contrast, CLEAR_SIGMAS * np.sqrt(2) * sigma)
+        contrast = np.ravel(self._contrast)[self._probe]
+        clear = np.maximum(contrast, CLEAR_SIGMAS * np.sqrt(2) * sigma)
         return float(np.mean(np.abs(_difference(pattern, inverse)) > clear))
 
     def _fold(self) -> None:

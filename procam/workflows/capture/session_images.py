@@ -93,12 +93,20 @@ class SessionImages:
         return names.pop(), self._code_pictures(projector, shots)
 
     def _code_pictures(self, projector: str, shots: list[Shot]) -> Iterator[tuple[int, Counts]]:
-        white = self._frame(self.only(projector, "white"), 0)
-        yield 0, _green(white)
-        black = self._frame(self.only(projector, "black"), 0)
-        yield 1, self._exposed_as(white, black)
+        yield from enumerate(self.white_and_black(projector))
         for shot in shots:
             yield int(shot.detail["plane"]), self.counts(shot)
+
+    def white_and_black(self, projector: str) -> tuple[Counts, Counts]:
+        """Green counts (H, W) of white, and of black as if exposed like it [DN]."""
+        white = self._frame(self.only(projector, "white"), 0)
+        black = self._frame(self.only(projector, "black"), 0)
+        return _green(white), self._exposed_as(white, black)
+
+    def stripe_counts(self, projector: str) -> Iterator[tuple[Counts, Counts]]:
+        """Green counts (H, W) of each stripe pattern for the separation, and of its inverse [DN]."""
+        for pattern, inverse in self._pairs(projector):
+            yield self.counts(pattern), self.counts(inverse)
 
     def counts(self, shot: Shot, exposure: int = 0) -> Counts:
         """Raw green counts (H, W) of a shot at its first or another exposure [DN]."""

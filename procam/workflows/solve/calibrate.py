@@ -19,7 +19,7 @@ from procam.estimate.media_server.camera_pose import PlacedCamera
 from procam.estimate.media_server.dome_master import DomeMaster
 from procam.estimate.structured_light.codes import make_code
 from procam.estimate.structured_light.decode import Decoder
-from procam.estimate.structured_light.limits import DecodeLimits
+from procam.estimate.structured_light.limits import limits_by_noise
 from procam.estimate.structured_light.outliers import keep_only
 from procam.files.calibration import save_calibration
 from procam.files.history.record import recorded
@@ -45,6 +45,7 @@ from procam.workflows.capture.session_plan import plan_of, server_of
 from procam.workflows.events import Event
 from procam.workflows.solve.apriltags import detect_tags, tag_marks, tag_notes
 from procam.workflows.solve.code_light import odd_waves
+from procam.workflows.solve.direct_light import camera_noise, check_decoded, direct_light
 from procam.workflows.solve.geometry import rig_problem, solve_rig
 from procam.workflows.solve.glare import with_bounded_glare
 from procam.workflows.solve.light import measure_light, measure_server_light
@@ -61,9 +62,6 @@ from procam.workflows.solve.predecessor import compare_with_predecessor
 from procam.workflows.solve.provenance import provenance
 from procam.workflows.solve.shared_black import with_shared_black
 
-DARK_SIGMAS = 3.0
-# differences below a few counts of 12 bits mean nothing; of fewer bits, below the error of rounding
-NOISE_DN, NOISE_BITS, ROUNDED_DN = 6.0, 12, 0.6
 SHAPE_FIGURES = ("sphere_variance_ratio", "shape_degree")
 WORKERS = 2  # each holds about 400 MB for a 2.5 Mpx camera
 Result = TypeVar("Result")
@@ -217,10 +215,8 @@ def decode_projector(
 ) -> tuple[CorrespondenceMap, Observations, list[str]]:
     """What a camera sees of a projector, pixel by pixel and by patches of the panel; and notes."""
     camera = images.radiometer.camera
-    noise_dn = _noise_dn(camera.sensor.bits)
-    limits = DecodeLimits(
-        white_black=DARK_SIGMAS * noise_dn, contrast=noise_dn, saturated=2.0**camera.sensor.bits - 1
-    )
+    law = camera_noise(images, name)
+    limits = limits_by_noise(*images.white_and_black(name), law, camera.sensor)
     code_name, pictures = images.code(name)
     decoder = Decoder(make_code(code_name, venue.table.projectors[name].size), limits)
     light = dict[int, float]()
@@ -230,16 +226,14 @@ def decode_projector(
     decoded = decoder.result()
     if decoded.refused:
         raise CalibrationError(f"projector {name}: {decoded.refused[0]}")
-    found = keep_only(decoded.map, ~camera_masks(venue)[camera.name].covered)
+    covered = camera_masks(venue)[camera.name].covered
+    found = keep_only(decoded.map, ~covered)
+    lit = direct_light(images, name, law).seen & images.radiometer.seen & ~covered
+    check_decoded(images, name, found.valid, lit)
     # masked pixels shine while the light is measured: only the geometry does without them
     used = keep_only(found, ~projector_masks(venue)[name].at(found.projector_xy))
     notes = odd_waves(light, images.plan.of(name, "code"), name)
     return found, gather_observations(used, venue.table.projectors[name].size), notes
-
-
-def _noise_dn(bits: int) -> float:
-    """Differences of counts that mean nothing, of a camera of so many bits [DN]."""
-    return min(NOISE_DN, max(ROUNDED_DN, NOISE_DN * 2.0 ** (bits - NOISE_BITS)))
 
 
 def _solved_screen(venue: Venue, geometry: GeometrySolution) -> Dome:

@@ -28,6 +28,7 @@ from procam.model.plan import Shot
 from procam.model.screen import Dome
 from procam.workflows.capture.session_images import SessionImages
 from procam.workflows.solve.code_light import wave_notes
+from procam.workflows.solve.direct_light import camera_noise, check_decoded, direct_light
 from procam.workflows.solve.long_exposure import black_notes
 from procam.workflows.solve.mirrored import check_not_mirrored
 
@@ -107,7 +108,9 @@ def camera_sight(
     shot_ids_share = _shot_id_mask(images, geometry, name, CELLS_PER_PANEL)
     unpatterned = glints | pixels_without_pattern(shot_ids_share, xy)
     panel = np.where(unpatterned[..., None], np.float32(np.nan), xy)
-    lit = found[geometry.main, name].valid | unpatterned
+    lit = np.isfinite(xy[..., 0]) & ~direct_light(images, name, camera_noise(images, name)).absent
+    check_decoded(images, name, found[geometry.main, name].valid, lit & ~unpatterned)
+    lit |= unpatterned
     share = float(shot_ids_share.covered.mean())
     return black, CameraSight(xy, panel, lit, unpatterned, white, base, share)
 

@@ -8,6 +8,7 @@ from procam.estimate.camera.noise import (
     NoiseLaw,
     fit_noise_law,
     noise_from_neighbours,
+    noise_from_pairs,
     noise_from_repeat,
 )
 
@@ -22,6 +23,26 @@ def test_noise_of_counts(law: NoiseLaw, rng: np.random.Generator) -> None:
     ):
         for level in (0.0, 300.0, 3000.0):
             assert found.variance(level) == pytest.approx(law.variance(level) + 1 / 12, rel=0.15)
+
+
+@pytest.mark.parametrize("law", [LAW, NoiseLaw(9.0, 0.02)], ids=str)
+def test_noise_of_stripes_and_their_inverses(law: NoiseLaw, rng: np.random.Generator) -> None:
+    light = 3000 * np.linspace(0, 1, 300)[:, None] ** 2 * np.ones(400)
+    x = np.arange(400)
+    masks = [on for bit in (4, 5) for on in ((x >> bit) & 1, 1 - ((x >> bit) & 1))]
+    found = noise_from_pairs([photograph(light * on, 1.0, rng, law) for on in masks], SENSOR)
+    for level in (0.0, 300.0, 3000.0):
+        assert found.variance(level) == pytest.approx(law.variance(level) + 1 / 12, rel=0.15)
+
+
+def test_counts_decoded_from_eight_bits_keep_their_steps() -> None:
+    codes = np.rint(255 * np.linspace(0.1, 0.9, 120_000) ** (1 / 2.2))
+    counts = np.rint(SENSOR.black_level + SENSOR.full_scale * (codes / 255) ** 2.2)
+    dark = np.full(counts.shape, SENSOR.black_level)
+    found = noise_from_pairs([counts, dark, dark, counts], SENSOR)
+    bright = SENSOR.full_scale * 0.8
+    step = bright * 2.2 / (255 * 0.8 ** (1 / 2.2))
+    assert found.variance(bright) == pytest.approx(2 * step**2 / 12, rel=0.4)
 
 
 def test_counts_without_noise_are_rounded() -> None:

@@ -1,0 +1,56 @@
+"""Which camera pixels see direct light of a projector, from its stripes and without any decoding.
+
+White - black is scattered light too, so it is bright beyond the picture. A stripe pattern less its
+inverse is direct light, and the scattered light by which their fluxes differ. Edges of Gray patterns never
+meet, so in one pattern each pixel lies inside a stripe.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from procam.arrays import AnyArray, BoolArray, Map
+from procam.estimate.structured_light.limits import LIT_SHARE
+from procam.maths.warp import blur
+
+CLEAR_SIGMAS = 4.0
+BLUR_PX = 0.7  # Gaussian sigma; suppresses the noise of single camera pixels
+
+
+@dataclass(frozen=True, slots=True)
+class DirectLight:
+    """What the stripes of one projector show.
+
+    Attributes
+    ----------
+    seen : (H, W) they show direct light.
+    absent : (H, W) they would show a share `LIT_SHARE` of white - black, and do not. Where neither holds
+        white is too dark to judge by.
+    """
+
+    seen: BoolArray
+    absent: BoolArray
+
+
+def find_direct_light(
+    span: Map, pairs: Iterable[tuple[AnyArray, AnyArray]], sigma: Map
+) -> DirectLight:
+    """Direct light of a projector.
+
+    Parameters
+    ----------
+    span : (H, W) white - black [DN]. sigma : (H, W) standard error of a difference of two samples [DN].
+    pairs : stripe patterns and their inverses (H, W) each [DN].
+    """
+    contrast, total = np.zeros(span.shape, np.float32), float(span.sum(dtype=float))
+    for pattern, inverse in pairs:
+        difference = np.subtract(pattern, inverse, dtype=np.float32)
+        surplus = float(difference.sum(dtype=float)) / max(total, 1e-9)
+        difference -= np.float32(surplus) * span  # what scattered light has in it
+        np.maximum(contrast, np.abs(blur(difference, BLUR_PX)), out=contrast)
+    least, clear = LIT_SHARE * blur(span, BLUR_PX), CLEAR_SIGMAS * sigma
+    return DirectLight(
+        np.asarray(contrast > np.maximum(least, clear)),
+        np.asarray((contrast <= least) & (least > clear)),
+    )
