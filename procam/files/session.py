@@ -102,8 +102,14 @@ class Session:
         """Whether it has photographs of an earlier session, as links; then nothing is captured into it."""
         return (self.directory / OTHERS_FROM).is_file()
 
-    def store(self, camera: str, shot: Shot, exposure_s: float, frame: Frame) -> None:
-        """Write a frame to disk, then its entry in the index."""
+    def bits(self, camera: str) -> int | None:
+        """Depth of the counts that a camera's encoded photographs were decoded to [bit]; else None."""
+        return next((entry.bits for entry in self.stored(camera).values()), None)
+
+    def store(
+        self, camera: str, shot: Shot, exposure_s: float, frame: Frame, bits: int | None = None
+    ) -> None:
+        """Write a frame to disk, then its entry in the index; `bits` as `StoredFrame` has it."""
         name = f"{shot.id}@{exposure_s:g}.tif"
         path = self._folder(camera) / name
         write_image(path, frame.counts)
@@ -117,6 +123,7 @@ class Session:
             started_s=frame.started_s,
             ended_s=frame.ended_s,
             sha256=digest(frame.counts),
+            bits=bits,
         )
         with self._lock:
             index, log = self._index(camera), path.with_name("index.jsonl")

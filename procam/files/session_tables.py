@@ -40,7 +40,11 @@ class _Shot(BaseModel):
 
 
 class StoredFrame(BaseModel):
-    """A line of index.jsonl: a frame that is on disk, and the sha256 of its counts."""
+    """A line of index.jsonl: a frame that is on disk, and the sha256 of its counts.
+
+    `bits` is the depth of counts that were decoded from an encoded photograph; None: as the camera
+    delivered them, or decoded by an earlier version, with the depth of venue.toml.
+    """
 
     model_config = ConfigDict(frozen=True)
     shot: Name
@@ -52,6 +56,7 @@ class StoredFrame(BaseModel):
     started_s: FiniteFloat
     ended_s: FiniteFloat
     sha256: str
+    bits: Annotated[int, Field(ge=8, le=16)] | None = None
 
 
 def parse_plan(path: Path, content: bytes) -> Plan:

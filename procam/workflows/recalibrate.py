@@ -25,7 +25,6 @@ from procam.files.venue.load import Venue
 from procam.files.venue.masks import nudges, projector_masks
 from procam.files.versions import next_directory, use_calibration
 from procam.model.calibration import Calibration
-from procam.model.correspondence import CorrespondenceMap
 from procam.workflows.capture.capture import capture
 from procam.workflows.capture.newest import next_session
 from procam.workflows.capture.session_images import SessionImages
@@ -34,6 +33,7 @@ from procam.workflows.events import Event
 from procam.workflows.photographs.driven import DrivenPhotographer
 from procam.workflows.photographs.open import is_by_hand, refuse_mixed
 from procam.workflows.solve.calibrate import decode_projector, screen_view
+from procam.workflows.solve.direct_light import Decoded
 from procam.workflows.solve.geometry import rig_problem
 from procam.workflows.solve.light import measure_light
 from procam.workflows.solve.long_exposure import with_long_exposure
@@ -272,7 +272,7 @@ def _measured(
 
 def _placed(
     venue: Venue, images: SessionImages, calibration: Calibration, name: str
-) -> tuple[CorrespondenceMap, GeometrySolution, list[str]]:
+) -> tuple[Decoded, GeometrySolution, list[str]]:
     """What the main camera sees of a projector, the rig with that projector solved, and notes."""
     seen, gathered, notes = {}, {}, list[str]()
     for camera in calibration.cameras.values():

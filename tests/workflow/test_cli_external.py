@@ -28,7 +28,9 @@ from procam.estimate.comparison.compare import compare_calibrations
 from procam.files.calibration import load_calibration
 from procam.files.images.pixels import read_image, write_image
 from procam.files.session import Session
+from procam.files.venue.load import load_venue
 from procam.maths.light.curves import srgb_encode
+from procam.workflows.capture.decoded import DECODED_BITS, with_decoded_bits
 from simulators.scene import SceneSize
 
 PANEL, PHOTO = (160, 100), (240, 200)
@@ -475,10 +477,14 @@ class TestRefused:
 
 
 class TestResponse:
-    def test_srgb_photographs_become_linear(self, hand_session: HandSession, photos: Path) -> None:
+    @pytest.mark.parametrize("bits", [BITS, 8])
+    def test_srgb_photographs_become_linear(
+        self, hand_session: HandSession, photos: Path, bits: int
+    ) -> None:
+        """They keep their resolution, whatever venue.toml says of the camera's depth."""
         toml = hand_session.session.parents[1] / "venue.toml"
         text = toml.read_text().replace('response = "linear"', 'response = "srgb"')
-        toml.write_text(text)
+        toml.write_text(text.replace(f"bits = {BITS}", f"bits = {bits}"))
         truth = {}
         for number in range(2, 8):
             path = photos / f"img_{number}.tif"
@@ -492,9 +498,30 @@ class TestResponse:
         session = Session(hand_session.session)
         shot = session.read_plan().shots[1]
         frame = session.load(CAMERA, shot, shot.exposures_s[0], PHOTO)
-        light = (frame.counts - BLACK) / (4095 - BLACK)
-        # half a step of 8 bits is 1.1 % of the light of white, a little more where it is dark
-        np.testing.assert_allclose(light, truth[2], atol=0.0055)
+        light = (frame.counts - BLACK) / (2**DECODED_BITS - 1 - BLACK)
+        assert session.bits(CAMERA) == DECODED_BITS
+        np.testing.assert_allclose(srgb_encode(light), srgb_encode(truth[2]), atol=0.51 / 255)
+
+    def test_counts_that_an_earlier_version_decoded_keep_their_depth(
+        self, hand_session: HandSession, photos: Path
+    ) -> None:
+        venue = hand_session.session.parents[1]
+        toml, index = venue / "venue.toml", hand_session.session / "captures" / CAMERA
+        toml.write_text(toml.read_text().replace('"linear"', '"srgb"'))
+        write_image(photos / "img_2.png", np.asarray(read_image(photos / "img_2.tif")) // 16)
+        for path in photos.glob("*.tif"):
+            path.unlink()
+        assert hand_session.ingest(photos).code == 0
+        session, loaded = Session(hand_session.session), load_venue(venue)
+        assert with_decoded_bits(loaded, session).cameras[CAMERA].sensor.bits == DECODED_BITS
+        text = (index / "index.jsonl").read_text()
+        (index / "index.jsonl").write_text(text.replace(f', "bits": {DECODED_BITS}', ""))
+        assert with_decoded_bits(loaded, session).cameras[CAMERA].sensor.bits == BITS
+        hand_session.ingest(photos, "--replace")
+        assert session.bits(CAMERA) is None
+        (slot,) = session.stored(CAMERA)
+        shot = next(shot for shot in session.read_plan().shots if shot.id == slot[0])
+        assert session.load(CAMERA, shot, slot[1], PHOTO).counts.max() < 2**BITS
 
     def test_a_table(self, hand_session: HandSession, photos: Path) -> None:
         venue = hand_session.session.parents[1]
@@ -515,7 +542,8 @@ class TestResponse:
         session = Session(hand_session.session)
         shot = session.read_plan().shots[1]
         counts = session.load(CAMERA, shot, shot.exposures_s[0], PHOTO).counts
-        expected = BLACK + np.interp(pixels / 255, [0, 0.5, 1], [0, 0.2, 1]) * (4095 - BLACK)
+        light = np.interp(pixels / 255, [0, 0.5, 1], [0, 0.2, 1])
+        expected = BLACK + light * (2**DECODED_BITS - 1 - BLACK)
         np.testing.assert_allclose(counts, expected, atol=0.5)
 
     def test_an_unknown_one(self, hand_session: HandSession) -> None:

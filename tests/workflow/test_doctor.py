@@ -120,7 +120,8 @@ class TestSound:
         (view,) = json.loads(procam("doctor", tmp_path, "--json").out)["views"]
         session = take_session(venue)
         readings = SessionImages(session, session.read_plan(), Radiometer(venue.cameras["zenith"]))
-        found, _, notes = calibrate.decode_projector(venue, readings, "south")
+        decoded, _, notes = calibrate.decode_projector(venue, readings, "south")
+        found = decoded.map
         assert notes == []
         median = np.median(found.sigma_px[found.valid])
         # blur is not foreseen, and takes a little of the waves

@@ -12,10 +12,12 @@ from procam.errors import CalibrationError
 from procam.estimate.camera.radiance import Radiometer
 from procam.files.calibration import load_calibration
 from procam.files.venue.load import load_venue
+from procam.model.calibration import Calibration
 from procam.model.frame import Frame
 from procam.model.plan import Shot
 from procam.workflows.capture.session_images import SessionImages
 from procam.workflows.solve import calibrate, direct_light
+from simulators.truth import write_truth
 
 BLACK, EIGHT_BLACK = 64.0, 4.0
 DIM = 0.12  # of the exposure: white reaches some 25 of 255
@@ -41,31 +43,33 @@ class Dim(EightBits):
 
 @pytest.fixture(scope="module")
 def taken(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple]:
-    """The venue with 8 bits, its session, and m and albedo by 12 bits."""
+    """The venue with 8 bits, its session, m and albedo by 12 bits, and the simulator's."""
     with quick_simulator():
         venue = make_venue(tmp_path_factory.mktemp("venue"), size=TINY)
         session = take_session(venue)
         finest = load_calibration(solved(venue, session))
-        assert not [note for note in finest.provenance["notes"] if "sharpens" in note]
+        write_truth(venue.backends["simulated"], venue.directory, venue.directory / "truth", {})
+        truth = load_calibration(venue.directory / "truth")
         path = venue.directory / "venue.toml"
         text = re.sub(r"bits = \d+", "bits = 8", path.read_text())
         path.write_text(re.sub(r"black_level = \S+", f"black_level = {EIGHT_BLACK}", text))
-        yield load_venue(venue.directory), session, finest
+        yield load_venue(venue.directory), session, finest, truth
 
 
 def images(taken: tuple, kind: type[SessionImages]) -> SessionImages:
-    venue, session, _ = taken
+    venue, session, *_ = taken
     return kind(session, session.read_plan(), Radiometer(venue.cameras["zenith"]))
 
 
 def test_the_noise_is_the_cameras(taken: tuple) -> None:
-    law = direct_light.camera_noise(images(taken, EightBits), "south")
+    shots = images(taken, EightBits)
+    law, _ = direct_light.stripe_light(shots, "south", *shots.white_and_black("south"))
     assert 0.08 < law.floor < 0.3 and 0 <= law.per_level < 0.1
 
 
 def test_a_dim_picture_is_decoded(taken: tuple) -> None:
     clear, dim = (
-        calibrate.decode_projector(taken[0], images(taken, kind), "south")[0].valid
+        calibrate.decode_projector(taken[0], images(taken, kind), "south")[0].map.valid
         for kind in (EightBits, Dim)
     )
     white, black = images(taken, Dim).white_and_black("south")
@@ -73,14 +77,30 @@ def test_a_dim_picture_is_decoded(taken: tuple) -> None:
     assert dim[clear].mean() > 0.9
 
 
-def test_feedback_and_albedo_are_those_of_twelve_bits(
-    taken: tuple, monkeypatch: pytest.MonkeyPatch
+def assert_covers(found: Calibration, truth: Calibration) -> None:
+    pairs = (found.feedback, truth.feedback), (found.albedo, truth.albedo)
+    for ours, theirs in pairs:
+        assert (abs(ours.value / theirs.value - 1) < 0.05).all()
+        assert (abs(ours.value - theirs.value) < 2 * ours.sigma).all()
+
+
+def test_twelve_bits_light_what_is_lit_and_no_more(taken: tuple) -> None:
+    *_, found, truth = taken
+    assert not [note for note in found.provenance["notes"] if "waves" in note or "sharpens" in note]
+    assert_covers(found, truth)
+    covered = [float(calibration.maps.coverage.mean()) for calibration in (found, truth)]
+    assert covered[0] == pytest.approx(covered[1], rel=0.01)
+
+
+@pytest.mark.parametrize("gain", [1.0, 0.5])
+def test_feedback_and_albedo_are_the_simulators(
+    taken: tuple, monkeypatch: pytest.MonkeyPatch, gain: float
 ) -> None:
-    venue, session, finest = taken
+    venue, session, _, truth = taken
+    monkeypatch.setattr(EightBits, "gain", gain)
     monkeypatch.setattr(calibrate, "SessionImages", EightBits)
     found = load_calibration(solved(venue, session))
-    for ours, theirs in ((found.feedback, finest.feedback), (found.albedo, finest.albedo)):
-        np.testing.assert_allclose(ours.value, theirs.value, rtol=0.05)
+    assert_covers(found, truth)
 
 
 def test_a_projector_that_is_hardly_decoded_is_refused_by_name(taken: tuple) -> None:
@@ -93,3 +113,26 @@ def test_a_projector_that_is_hardly_decoded_is_refused_by_name(taken: tuple) -> 
         direct_light.check_decoded(shots, "south", decoded, lit)
     decoded[50:150, 50:120] = True
     direct_light.check_decoded(shots, "south", decoded, lit)
+
+
+class CutOff(SessionImages):
+    """Photographs of a camera that cuts its noise off at black, as one that encodes does."""
+
+    def _frame(self, shot: Shot, exposure: int) -> Frame:
+        frame = super()._frame(shot, exposure)
+        return replace(frame, counts=frame.counts.clip(int(BLACK)) - np.uint16(BLACK))
+
+
+def test_room_light_is_not_the_mean_of_noise_that_is_cut_off(taken: tuple) -> None:
+    shots = images(taken, SessionImages)
+    camera = shots.radiometer.camera
+    camera = replace(camera, sensor=replace(camera.sensor, bits=12, black_level=BLACK))
+    whole = replace(shots, radiometer=Radiometer(camera))
+    sensor = replace(camera.sensor, black_level=0.0)
+    cut_off = images(taken, CutOff)
+    cut_off = replace(cut_off, radiometer=Radiometer(replace(camera, sensor=sensor)))
+    seen = whole.radiometer.seen
+    short, long = (light[seen].mean() * sensor.full_scale for light in whole.dark())
+    assert abs(short - long) < 0.2
+    short, long = (light[seen].mean() * sensor.full_scale for light in cut_off.dark())
+    assert short == long

@@ -12,10 +12,13 @@ import numpy as np
 
 from procam.arrays import AnyArray, BoolArray, Map
 from procam.estimate.structured_light.limits import LIT_SHARE
-from procam.maths.warp import blur
+from procam.maths.warp import blur, grow
 
 CLEAR_SIGMAS = 4.0
+DIM_SIGMAS = 16.0  # a code's finest patterns keep a quarter of the contrast, of which 4 are needed
 BLUR_PX = 0.7  # Gaussian sigma; suppresses the noise of single camera pixels
+HOLE_PX, BORDER_PX = 3, 6  # camera pixels
+BLURRED = 0.41  # of their noise, that remains; less is taken from what a camera has smoothed itself
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,13 +27,20 @@ class DirectLight:
 
     Attributes
     ----------
-    seen : (H, W) they show direct light.
+    seen : (H, W) they show direct light, also beside the border, where a pixel is lit in part.
     absent : (H, W) they would show a share `LIT_SHARE` of white - black, and do not. Where neither holds
         white is too dark to judge by.
+    dim : (H, W) white - black is too near the noise for the finest patterns of a code.
     """
 
     seen: BoolArray
     absent: BoolArray
+    dim: BoolArray
+
+
+def well_inside(seen: BoolArray) -> BoolArray:
+    """What is seen (H, W), holes filled, without its border, where pixels are lit in part."""
+    return np.asarray(grow(grow(seen, HOLE_PX), -HOLE_PX - BORDER_PX))
 
 
 def find_direct_light(
@@ -52,5 +62,6 @@ def find_direct_light(
     least, clear = LIT_SHARE * blur(span, BLUR_PX), CLEAR_SIGMAS * sigma
     return DirectLight(
         np.asarray(contrast > np.maximum(least, clear)),
-        np.asarray((contrast <= least) & (least > clear)),
+        np.asarray((contrast <= least) & (least > BLURRED * clear)),
+        np.asarray(span < DIM_SIGMAS * sigma),
     )

@@ -69,7 +69,8 @@ class Separation:
     Parameters
     ----------
     white : (H, W, 3) white less black. projector_xy : (H, W, 2), NaN outside the panel.
-    lit : (H, W) decoded pixels. solid_angle_sr : (H, W) of the camera pixels; 0 off the screen.
+    lit : (H, W) its picture's pixels. solid_angle_sr : (H, W) of the camera pixels; 0 off the screen.
+    maybe_lit : (H, W) others that may see its picture, so that scattered light is not measured there.
 
     Attributes
     ----------
@@ -80,7 +81,12 @@ class Separation:
     """
 
     def __init__(
-        self, white: Image, projector_xy: Image, lit: BoolArray, solid_angle_sr: Array
+        self,
+        white: Image,
+        projector_xy: Image,
+        lit: BoolArray,
+        solid_angle_sr: Array,
+        maybe_lit: BoolArray | None = None,
     ) -> None:
         usable = np.isfinite(white).all(axis=-1)
         # pixels on an edge of the finest stripes do not decode, but they are lit
@@ -92,7 +98,8 @@ class Separation:
         self._white, self.blur, self._edges = white, 0.0, EdgeOvershoot()
         self._index = np.rint(np.nan_to_num(projector_xy)).astype(np.int32)
         self._inside = grow(lit & usable, -2)
-        self._outside = (self._solid > 0) & ~grow(lit, CLEAR_CAMERA_PX)
+        maybe = lit if maybe_lit is None else maybe_lit
+        self._outside = (self._solid > 0) & ~grow(lit, CLEAR_CAMERA_PX) & ~maybe
         self._sum, self._count = np.nan_to_num(white), np.ones(lit.shape, np.float32)
         self._shares = np.ones(lit.shape, np.float32)  # scattered light in the sum over white's
         self._dark_sum = np.where(self._outside[..., None], self._sum, 0)

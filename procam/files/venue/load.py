@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -57,6 +57,14 @@ class Venue:
     def cameras(self) -> dict[str, CameraModel]:
         """The cameras, without poses."""
         return {name: _camera(name, t) for name, t in self.table.cameras.items()}
+
+    def with_bits(self, bits: Mapping[str, int]) -> "Venue":
+        """The venue with other depths of its cameras' counts, by name."""
+        cameras = {
+            name: camera.model_copy(update={"bits": bits.get(name, camera.bits)})
+            for name, camera in self.table.cameras.items()
+        }
+        return replace(self, table=self.table.model_copy(update={"cameras": cameras}))
 
     @property
     def fiducials(self) -> list[Fiducial]:

@@ -13,6 +13,7 @@ from procam.interfaces.cli._options import Json, ReplaceRound, VenueArgument
 from procam.interfaces.cli._output import Output
 from procam.interfaces.cli._rounds import ask_for_photographs, given_photographs
 from procam.interfaces.cli._run_log import RunLog
+from procam.workflows.capture.decoded import with_decoded_bits
 from procam.workflows.capture.ingest import named_camera
 from procam.workflows.doctor.behaviour_by_hand import examine_behaviour_by_hand
 from procam.workflows.doctor.doctor import examine
@@ -95,7 +96,7 @@ def _behaviour_by_hand(
     venue: Venue, camera: str, given: Given | None, diagnosis: Diagnosis, output: Output
 ) -> None:
     """Ask for photographs of test pictures, a projector after the other, and judge them."""
-    model = named_camera(venue, camera)
+    model = named_camera(with_decoded_bits(venue), camera)
     with recorded(venue.directory, "doctor"):
         try:
             with hand_photographer(venue, model, None, "behaviour", camera, given) as photographer:

@@ -29,6 +29,7 @@ from procam.model.plan import Plan, Shot
 from procam.workflows.capture.brackets import solve_brackets
 from procam.workflows.capture.by_hand import PREFIX
 from procam.workflows.capture.earlier import notes_of_earlier
+from procam.workflows.capture.decoded import DECODED_BITS, with_decoded_bits
 from procam.workflows.capture.photo_index import read_index
 from procam.workflows.capture.session_plan import plan_of
 from procam.workflows.capture.settings import (
@@ -71,7 +72,7 @@ def ingest(
     carries `stored`, `missing` and `notes`, one line for every photograph that was left out or guessed.
     """
     with recorded(venue.directory, "ingest"):
-        plan = plan_of(venue, session)
+        plan, venue = plan_of(venue, session), with_decoded_bits(venue, session)
         model, response, notes = camera_and_response(venue, session, camera)
         paths, others = list_photos(folder)
         claims = read_index(index, plan, paths) if index else {}
@@ -175,7 +176,7 @@ def _survey(
         number, clipped, sharpness = read_shot_id(photo.pixels), 0.0, 0.0
     else:
         counts = photo_counts(photo, response, model.sensor)
-        number = read_shot_id(_fine_counts(photo, response, model)) if claimed is None else None
+        number = read_shot_id(counts) if claimed is None else None
         clipped = float((counts >= 2**model.sensor.bits - 1).any(axis=2).mean())
         sharpness = _sharpness(counts, model.sensor.black_level)
     if not fits and (number is not None or claimed is not None):
@@ -190,12 +191,6 @@ def _survey(
     return _Surveyed(
         path, observation, channels, photo.taken_s, (photo.sensitivity, photo.aperture)
     )
-
-
-def _fine_counts(photo: Photo, response: Response | None, model: CameraModel) -> NDArray[np.uint16]:
-    """Linear counts in which the dark numbers of encoded photographs are not rounded away."""
-    fine = model.sensor if response is None else replace(model.sensor, bits=16)
-    return photo_counts(photo, response, fine)
 
 
 def _sharpness(counts: NDArray[np.uint16], black_level: float) -> float:
@@ -274,10 +269,12 @@ def _store(
     chosen: Mapping[Slot, int],
 ) -> Iterator[Event]:
     shots = {shot.id: shot for shot in plan.shots}
+    bits = session.bits(model.name) if session.stored(model.name) else DECODED_BITS
+    decoded = None if response is None else bits
     for done, ((shot_id, exposure_s), photo) in enumerate(chosen.items(), start=1):
         shot, source = shots[shot_id], read_photo(surveyed[photo].path)
         frame = photo_frame(source, photo_counts(source, response, model.sensor), shot, exposure_s)
-        session.store(model.name, shot, exposure_s, frame)
+        session.store(model.name, shot, exposure_s, frame, decoded)
         yield Event("ingest", done, len(chosen), f"{source.path.name} stored as {shot_id}")
 
 

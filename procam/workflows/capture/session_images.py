@@ -18,6 +18,7 @@ from procam.workflows.capture.capture import check_range, missing_shots
 Counts = NDArray[np.uint16]
 GREEN = 1
 LONG = {"dark": 1, "black": 0, "dim": 1}  # which exposure is black's
+CUT_OFF = 0.01  # of the pixels at 0: their noise raises the mean by 1/300 of its sigma
 SHOWN = 5  # missing shots that a line names
 
 
@@ -77,9 +78,16 @@ class SessionImages:
         return shots[0]
 
     def dark(self) -> tuple[Image, Image]:
-        """Room light (H, W, 3) with everything shuttered, at the two exposures of the plan."""
+        """Room light (H, W, 3) with everything shuttered, at the two exposures of the plan.
+
+        Noise that is cut off at 0, as in photographs that a camera encodes, leaves a mean that is too
+        high. The long exposure, of more light, then counts for both.
+        """
         shot = self.only("", "dark")
-        return self.light(shot, 0), self.light(shot, 1)
+        short, long = self.light(shot, 0), self.light(shot, 1)
+        if float(np.mean(self.counts(shot)[self.radiometer.seen] == 0)) > CUT_OFF:
+            short = np.where(np.isnan(long), short, long)
+        return short, long
 
     def code(self, projector: str) -> tuple[str, Iterator[tuple[int, Counts]]]:
         """Name of the code shown, and green counts of its pictures by number: white, black, planes."""

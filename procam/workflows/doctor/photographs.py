@@ -30,6 +30,7 @@ from procam.maths.codes.shot_id import read_shot_id
 from procam.model.optics import Sensor
 from procam.model.plan import Plan, Purpose, Shot
 from procam.workflows.capture.by_hand import PREFIX
+from procam.workflows.capture.decoded import with_decoded_bits
 from procam.workflows.capture.ingest import named_camera
 from procam.workflows.capture.session_plan import plan_of
 from procam.workflows.doctor.findings import (
@@ -91,6 +92,7 @@ def examine_photographs(
 ) -> Iterator[Event]:
     """Fill `diagnosis` from test photographs by one camera."""
     named_camera(venue, camera)
+    venue = with_decoded_bits(venue)
     plan, (paths, _) = plan_of(venue, newest_by_hand(venue)), list_photos(folder)
     by_number = {shot.detail["number"]: shot for shot in plan.shots if "number" in shot.detail}
     seen = _Seen()

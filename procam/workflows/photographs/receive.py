@@ -33,7 +33,7 @@ from procam.workflows.photographs.rounds import Rounds
 
 SHORTEST, LONGEST = 0.78, 1.28  # times the exposure that was asked for: a third of a stop
 BLOCK_PX = 8
-SAME_LIGHT, SAME_DN = 0.05, 3.0  # photographs of one picture: relative, and counts of noise
+SAME_LIGHT, SAME_SHARE = 0.05, 1e-3  # photographs of one picture: relative, and of full scale
 COLOURS = 3
 CLOCK_S = 86400.0  # clocks of cameras and computers, and their time zones, differ by less
 
@@ -42,7 +42,7 @@ CLOCK_S = 86400.0  # clocks of cameras and computers, and their time zones, diff
 class _Surveyed:
     """What is kept of a photograph while the others are looked at; its pixels are not.
 
-    `light` (h, w, C) is that of blocks of pixels, counts above black.
+    `light` (h, w, C) is that of blocks of pixels [full scale].
     """
 
     path: Path
@@ -152,7 +152,7 @@ def _check_alike(asked: Sequence[Asked], surveyed: Sequence[_Surveyed], order: s
         first = before.setdefault((each.shown, each.exposure_s), found)
         longer = (first.stated_s or each.exposure_s) / (found.stated_s or each.exposure_s)
         off = np.abs(longer * found.light - first.light).mean()
-        if off > SAME_LIGHT * np.abs(first.light).mean() + SAME_DN:
+        if off > SAME_LIGHT * np.abs(first.light).mean() + SAME_SHARE:
             raise FileFormatError(
                 f"{found.path} differs from {first.path.name}, which should show the same picture; the "
                 f"order is {order}. Something moved, or a photograph is missing: take them again"
@@ -212,10 +212,10 @@ def _day(seconds: float) -> str:
 
 
 def _coarse(counts: AnyArray, sensor: Sensor) -> Array:
-    """Counts above black in blocks, which have little noise."""
+    """Light above black [full scale] in blocks, which have little noise."""
     height, width = (n // BLOCK_PX * BLOCK_PX for n in counts.shape[:2])
     light = counts[:height, :width].astype(np.float32) - np.float32(sensor.black_level)
-    return np.asarray(block_mean(light, BLOCK_PX), float)
+    return np.asarray(block_mean(light, BLOCK_PX) / sensor.full_scale, float)
 
 
 def _notes(surveyed: Sequence[_Surveyed]) -> list[str]:

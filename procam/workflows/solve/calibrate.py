@@ -36,16 +36,16 @@ from procam.files.venue.masks import (
 from procam.files.versions import calibration_in_use, list_calibrations, next_directory
 from procam.maths.geometry.sphere import master_pixels
 from procam.model.calibration import Calibration
-from procam.model.correspondence import CorrespondenceMap
 from procam.model.quality import Figure
 from procam.model.screen import Dome
 from procam.threads import ThreadPool
+from procam.workflows.capture.decoded import with_decoded_bits
 from procam.workflows.capture.session_images import SessionImages
 from procam.workflows.capture.session_plan import plan_of, server_of
 from procam.workflows.events import Event
 from procam.workflows.solve.apriltags import detect_tags, tag_marks, tag_notes
 from procam.workflows.solve.code_light import odd_waves
-from procam.workflows.solve.direct_light import camera_noise, check_decoded, direct_light
+from procam.workflows.solve.direct_light import Decoded, check_decoded, stripe_light
 from procam.workflows.solve.geometry import rig_problem, solve_rig
 from procam.workflows.solve.glare import with_bounded_glare
 from procam.workflows.solve.light import measure_light, measure_server_light
@@ -79,7 +79,7 @@ class _SolvedRig:
     images: SessionImages
     verdict: str
     notes: list[str]
-    found: Mapping[Pair, CorrespondenceMap] = field(default_factory=dict)
+    found: Mapping[Pair, Decoded] = field(default_factory=dict)
     figures: Mapping[str, Figure] = field(default_factory=dict)
 
 
@@ -96,6 +96,7 @@ def solve(venue: Venue, session: Session) -> Iterator[Event]:
 
 def _solve(venue: Venue, session: Session) -> Iterator[Event]:
     origin = provenance(venue, session)  # first of all, for it finds what is wrong with masks
+    venue = with_decoded_bits(venue, session)
     before = list_calibrations(venue.directory)
     used = calibration_in_use(venue.directory) if before else None
     names, server, tags_seen = list(venue.table.projectors), server_of(venue), len(venue.cameras)
@@ -152,7 +153,7 @@ def _quality(calibration: Calibration, rig: _SolvedRig) -> dict[str, Figure]:
 def _rig_by_codes(venue: Venue, session: Session, total: int) -> Generator[Event, None, _SolvedRig]:
     """Cameras and projectors, from what cameras decode."""
     plan, cameras = plan_of(venue, session), venue.cameras
-    found: dict[Pair, CorrespondenceMap] = {}
+    found: dict[Pair, Decoded] = {}
     gathered: dict[Pair, Observations] = {}
     tags_seen: dict[str, TagObservations] = {}
     odd = list[str]()
@@ -163,7 +164,7 @@ def _rig_by_codes(venue: Venue, session: Session, total: int) -> Generator[Event
         for name, (seen, patches, lines) in _each(list(venue.table.projectors), work):
             found[camera, name], gathered[camera, name] = seen, patches
             odd += lines
-            share = float(seen.valid.sum() / images.radiometer.seen.sum())
+            share = float(seen.map.valid.sum() / images.radiometer.seen.sum())
             text = f"{name} decoded, {share:.0%} of what {camera} sees"
             yield Event("solve", len(found), total, text)
     marks = [*venue.fiducials, *tag_marks(venue, tags_seen)]
@@ -212,11 +213,12 @@ def _each(names: list[str], work: Callable[[str], Result]) -> Iterator[tuple[str
 
 def decode_projector(
     venue: Venue, images: SessionImages, name: str
-) -> tuple[CorrespondenceMap, Observations, list[str]]:
+) -> tuple[Decoded, Observations, list[str]]:
     """What a camera sees of a projector, pixel by pixel and by patches of the panel; and notes."""
     camera = images.radiometer.camera
-    law = camera_noise(images, name)
-    limits = limits_by_noise(*images.white_and_black(name), law, camera.sensor)
+    white_and_black = images.white_and_black(name)
+    law, direct = stripe_light(images, name, *white_and_black)
+    limits = limits_by_noise(*white_and_black, law, camera.sensor)
     code_name, pictures = images.code(name)
     decoder = Decoder(make_code(code_name, venue.table.projectors[name].size), limits)
     light = dict[int, float]()
@@ -228,12 +230,16 @@ def decode_projector(
         raise CalibrationError(f"projector {name}: {decoded.refused[0]}")
     covered = camera_masks(venue)[camera.name].covered
     found = keep_only(decoded.map, ~covered)
-    lit = direct_light(images, name, law).seen & images.radiometer.seen & ~covered
-    check_decoded(images, name, found.valid, lit)
+    lit = direct.seen & images.radiometer.seen & ~covered
+    check_decoded(images, name, found.valid | ~direct.dim, lit)
     # masked pixels shine while the light is measured: only the geometry does without them
     used = keep_only(found, ~projector_masks(venue)[name].at(found.projector_xy))
     notes = odd_waves(light, images.plan.of(name, "code"), name)
-    return found, gather_observations(used, venue.table.projectors[name].size), notes
+    return (
+        Decoded(found, direct),
+        gather_observations(used, venue.table.projectors[name].size),
+        notes,
+    )
 
 
 def _solved_screen(venue: Venue, geometry: GeometrySolution) -> Dome:

@@ -1,5 +1,7 @@
 """What a session's stripes show of a projector's direct light, and whether enough of it was decoded."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from procam.arrays import BoolArray
@@ -7,7 +9,8 @@ from procam.errors import CalibrationError
 from procam.estimate.camera.noise import NoiseLaw, noise_from_pairs
 from procam.estimate.light.direct_light import DirectLight, find_direct_light
 from procam.estimate.structured_light.limits import difference_sigma
-from procam.workflows.capture.session_images import SessionImages
+from procam.model.correspondence import CorrespondenceMap
+from procam.workflows.capture.session_images import Counts, SessionImages
 
 SAMPLES = 200_000  # of which a noise law is fitted
 LEAST_PIXELS = 200  # with direct light, of which a share is judged
@@ -15,21 +18,28 @@ LEAST_PIXELS = 200  # with direct light, of which a share is judged
 LEAST_DECODED = 0.6
 
 
-def camera_noise(images: SessionImages, name: str) -> NoiseLaw:
-    """The camera's noise law, from stripes of projector `name` along both axes."""
-    first, *_, last = images.stripe_counts(name)
+@dataclass(frozen=True, slots=True)
+class Decoded:
+    """What one camera sees of a projector: its pixels' `map`, and where it is lit at all, by stripes."""
+
+    map: CorrespondenceMap
+    direct: DirectLight
+
+
+def stripe_light(
+    images: SessionImages, name: str, white: Counts, black: Counts
+) -> tuple[NoiseLaw, DirectLight]:
+    """The camera's noise law, and where it sees direct light, from stripes of projector `name`.
+
+    `white`, `black` : (H, W) its counts, exposed alike.
+    """
+    pairs, sensor = list(images.stripe_counts(name)), images.radiometer.camera.sensor
     some = np.flatnonzero(images.radiometer.seen)
     some = some[:: max(1, some.size // SAMPLES)]
-    samples = [np.ravel(counts)[some] for counts in (*first, *last)]
-    return noise_from_pairs(samples, images.radiometer.camera.sensor)
-
-
-def direct_light(images: SessionImages, name: str, law: NoiseLaw) -> DirectLight:
-    """Where the camera sees direct light of projector `name`."""
-    white, black = images.white_and_black(name)
-    sigma = difference_sigma(white, black, law, images.radiometer.camera.sensor)
+    law = noise_from_pairs([np.ravel(c)[some] for c in (*pairs[0], *pairs[-1])], sensor)
     span = np.subtract(white, black, dtype=np.float32)
-    return find_direct_light(span, images.stripe_counts(name), sigma)
+    sigma = difference_sigma(white, black, law, sensor)
+    return law, find_direct_light(span, pairs, sigma)
 
 
 def check_decoded(images: SessionImages, name: str, decoded: BoolArray, lit: BoolArray) -> None:

@@ -13,6 +13,7 @@ from procam.estimate.geometry.camera_view import DomeView
 from procam.estimate.geometry.lens_glints import lens_glints
 from procam.estimate.geometry.model import Pair
 from procam.estimate.geometry.solve import GeometrySolution
+from procam.estimate.light.direct_light import well_inside
 from procam.estimate.light.inpaint import fill_light, fill_picture, pixels_without_pattern
 from procam.estimate.light.projector_response import ProjectorResponseFit, fit_colour, tile_levels
 from procam.estimate.light.scatter_kernel import ScatterCells, ScatterSample
@@ -22,13 +23,12 @@ from procam.estimate.media_server.dome_master import DomeMaster, lit_by_stripes
 from procam.estimate.media_server.local_response import Levels, fit_exponent, level_samples
 from procam.maths.codes.shot_id import CELLS_PER_MASTER, CELLS_PER_PANEL, shot_id_pixels
 from procam.maths.warp import grow, sample
-from procam.model.correspondence import CorrespondenceMap
 from procam.model.mask import Mask
 from procam.model.plan import Shot
 from procam.model.screen import Dome
 from procam.workflows.capture.session_images import SessionImages
 from procam.workflows.solve.code_light import wave_notes
-from procam.workflows.solve.direct_light import camera_noise, check_decoded, direct_light
+from procam.workflows.solve.direct_light import Decoded, check_decoded
 from procam.workflows.solve.long_exposure import black_notes
 from procam.workflows.solve.mirrored import check_not_mirrored
 
@@ -48,7 +48,7 @@ class CameraSight:
     ----------
     xy : (H, W, 2) panel pixel, NaN where there is none. panel : its pixels on the raster that stripes
         and levels are drawn on, NaN also where they are hidden.
-    lit : (H, W) sees the projector's picture, or may.
+    lit : (H, W) sees the projector's picture. maybe_lit : (H, W) may see it, or see a pixel of it in part.
     unpatterned : (H, W) sees no pattern, because of a shot mark or a glint of the lens.
     white, base : (H, W, 3) white less the base; black and room light at white's exposure.
     shot_ids_share : share of the panel that its pictures' numbers take.
@@ -57,6 +57,7 @@ class CameraSight:
     xy: Image
     panel: Image
     lit: BoolArray
+    maybe_lit: BoolArray
     unpatterned: BoolArray
     white: Image
     base: Image
@@ -68,7 +69,7 @@ def measure_light(
     images: SessionImages,
     view: DomeView,
     geometry: GeometrySolution,
-    found: Mapping[Pair, CorrespondenceMap],
+    found: Mapping[Pair, Decoded],
     masks: Mapping[str, Mask],
     name: str,
 ) -> ProjectorMeasurement:
@@ -95,7 +96,7 @@ def camera_sight(
     images: SessionImages,
     view: DomeView,
     geometry: GeometrySolution,
-    found: Mapping[Pair, CorrespondenceMap],
+    found: Mapping[Pair, Decoded],
     name: str,
 ) -> tuple[Image, CameraSight]:
     """A projector's black (H, W, 3), and the projector as the camera sees it."""
@@ -108,11 +109,13 @@ def camera_sight(
     shot_ids_share = _shot_id_mask(images, geometry, name, CELLS_PER_PANEL)
     unpatterned = glints | pixels_without_pattern(shot_ids_share, xy)
     panel = np.where(unpatterned[..., None], np.float32(np.nan), xy)
-    lit = np.isfinite(xy[..., 0]) & ~direct_light(images, name, camera_noise(images, name)).absent
-    check_decoded(images, name, found[geometry.main, name].valid, lit & ~unpatterned)
-    lit |= unpatterned
+    inside, seen = np.isfinite(xy[..., 0]), found[geometry.main, name]
+    shown = inside & seen.direct.seen
+    check_decoded(images, name, seen.map.valid | ~seen.direct.dim, shown & ~unpatterned)
+    lit = seen.map.valid | unpatterned | well_inside(shown)
+    maybe_lit = inside & ~seen.direct.absent
     share = float(shot_ids_share.covered.mean())
-    return black, CameraSight(xy, panel, lit, unpatterned, white, base, share)
+    return black, CameraSight(xy, panel, lit, maybe_lit, unpatterned, white, base, share)
 
 
 def measure_server_light(
@@ -137,9 +140,9 @@ def measure_server_light(
     shot_ids_share = _shot_id_mask(images, geometry, name, CELLS_PER_MASTER)
     unpatterned = pixels_without_pattern(shot_ids_share, xy)
     panel = np.where(unpatterned[..., None], np.float32(np.nan), master.coarse_pixels(xy))
-    sight = CameraSight(
-        xy, panel, lit | unpatterned, unpatterned, white, base, float(shot_ids_share.covered.mean())
-    )
+    lit |= unpatterned
+    share = float(shot_ids_share.covered.mean())
+    sight = CameraSight(xy, panel, lit, lit, unpatterned, white, base, share)
     found, levels = _measured(images, view, name, black, sight, master)
     samples = level_samples(levels, found.light.direct, found.colour.mix, xy, master.size)
     found = replace(found, exponent=fit_exponent(samples, found.response, master.size))
@@ -199,7 +202,9 @@ def _measured(
 ) -> tuple[ProjectorMeasurement, list[Levels]]:
     """The light of white, split and fitted, and that of level pictures; `master` of a server."""
     coarse = master.coarse if master else 1
-    separation = Separation(sight.white, sight.panel, sight.lit, view.solid_angle_sr)
+    separation = Separation(
+        sight.white, sight.panel, sight.lit, view.solid_angle_sr, sight.maybe_lit
+    )
     checks = StabilityChecks(sight.white, view.on_screen & ~sight.unpatterned)
     for axis, bit, pattern, inverse in images.stripe_pairs(name):
         pattern, inverse = pattern - sight.base, inverse - sight.base  # noqa: PLW2901
@@ -281,7 +286,7 @@ def _scatter_samples(
     found = [cells.scatter_sample(light.scattered, view.on_screen, light.direct)]
     for shot in images.plan.of(name, "zone"):
         shown = sample(images.session.pattern(shot)[..., 0], sight.xy)
-        met = light.lit & ((shown > 0) | sight.unpatterned)
+        met = (light.lit | sight.maybe_lit) & ((shown > 0) | sight.unpatterned)
         dark = view.on_screen & ~grow(met, clear_px)
         picture = images.light(shot) - sight.base
         found.append(cells.scatter_sample(picture, dark, light.direct * shown[..., None]))

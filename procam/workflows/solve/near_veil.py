@@ -9,10 +9,10 @@ from procam.estimate.geometry.camera_view import DomeView
 from procam.estimate.geometry.model import Pair
 from procam.estimate.geometry.solve import GeometrySolution
 from procam.estimate.light.separation import Separation
-from procam.model.correspondence import CorrespondenceMap
 from procam.model.optics import Sensor
 from procam.model.screen import Dome
 from procam.workflows.capture.session_images import SessionImages
+from procam.workflows.solve.direct_light import Decoded
 from procam.workflows.solve.light import GREEN, camera_sight
 
 MIN_PERIODS = 2  # of stripes over a panel: on fewer, light that a floor returns looks like a veil
@@ -24,13 +24,15 @@ def with_near_veil(
     images: SessionImages,
     view: DomeView,
     geometry: GeometrySolution,
-    found: Mapping[Pair, CorrespondenceMap],
+    found: Mapping[Pair, Decoded],
 ) -> GeometrySolution:
     """The solved rig, whose main camera has the part of its veil that stays near its light."""
     fit = NearVeilFit(images.radiometer.seen)
     for name, projector in geometry.projectors.items():
         _, sight = camera_sight(dome, images, view, geometry, found, name)
-        separation = Separation(sight.white, sight.panel, sight.lit, view.solid_angle_sr)
+        separation = Separation(
+            sight.white, sight.panel, sight.lit, view.solid_angle_sr, sight.maybe_lit
+        )
         for axis, pairs in groupby(images.stripe_pairs(name), key=lambda pair: pair[0]):
             for _, bit, *pair in pairs:
                 pictures = [picture - sight.base for picture in pair]

@@ -8,13 +8,13 @@ from procam.errors import CalibrationError
 from procam.estimate.geometry.camera_view import DomeView
 from procam.estimate.geometry.model import Pair
 from procam.model.calibration import Calibration
-from procam.model.correspondence import CorrespondenceMap
+from procam.workflows.solve.direct_light import Decoded
 
 # of a projector's decoded pixels: beyond it is noted and refused; some overshoot the rim on purpose
 MUCH_BEYOND, MOST_BEYOND = 0.005, 0.2
 
 
-def check_on_screen(view: DomeView, found: Mapping[Pair, CorrespondenceMap]) -> list[str]:
+def check_on_screen(view: DomeView, found: Mapping[Pair, Decoded]) -> list[str]:
     """Notes on projectors whose picture lies partly beyond the rim; much of it is refused.
 
     Two marks whose angles are exchanged or mirrored fit as well as the right ones, and turn the dome over.
@@ -26,7 +26,8 @@ def check_on_screen(view: DomeView, found: Mapping[Pair, CorrespondenceMap]) -> 
         With the share and what is probably wrong.
     """
     notes = []
-    for (camera, projector), seen in found.items():
+    for (camera, projector), decoded in found.items():
+        seen = decoded.map
         if camera != view.camera.name or not seen.valid.any():
             continue
         beyond = float(np.mean(~view.on_screen[seen.valid]))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from procam.estimate.light.direct_light import DirectLight, find_direct_light
+from procam.estimate.light.direct_light import DirectLight, find_direct_light, well_inside
 from procam.maths.codes.gray import is_bright
 
 SHAPE = (60, 240)
@@ -30,7 +30,15 @@ class TestFindDirectLight:
         seen = found(100.0, 0.5, dark_part)
         assert seen.seen[:, 5:115].all() and not seen.seen[:, 125:].any()
         assert seen.absent[:, 125:].all() and not seen.absent[:, :118].any()
+        assert not seen.dim.any()
 
     def test_where_white_is_too_dark_nothing_is_certain(self) -> None:
         dim = found(2.0, 2.0)
-        assert dim.seen.mean() < 0.01 and not dim.absent.any()
+        assert dim.seen.mean() < 0.01 and not dim.absent[:, :115].any() and dim.dim.all()
+
+    def test_a_pixel_lit_in_part_does_not_lie_well_inside(self) -> None:
+        seen = np.zeros((40, 40), bool)
+        seen[5:35, 5:35] = True
+        seen[20, 20] = False
+        inside = well_inside(seen)
+        assert inside[11:29, 11:29].all() and inside.sum() == 18**2
