@@ -56,15 +56,20 @@ class StabilityChecks:
     Parameters
     ----------
     white : (H, W, 3) radiance of its white, black subtracted. on_screen : (H, W).
+    step : radiance of one count. Pixels of one level are rounded alike, so errors of rounding average
+        over levels, not over pixels.
     """
 
-    def __init__(self, white: Image, on_screen: BoolArray) -> None:
+    def __init__(self, white: Image, on_screen: BoolArray, step: float = 0.0) -> None:
         self._green = white[..., GREEN].astype(np.float32)
         self._use = on_screen & np.isfinite(white).all(axis=-1)
         pixels = np.flatnonzero(self._use)
         self._pixels = pixels[:: max(1, len(pixels) // MAX_PIXELS)]
         bright = self._picked()
         self._level = float(np.percentile(bright, 95)) if len(bright) else 0.0
+        self._rounding = (
+            (step / max(float(bright.mean()), step, 1e-9)) ** 1.5 if self._level > 0 else 0.0
+        )
         down, across = np.gradient(self._green)
         self._slope = np.stack([across, down], axis=-1)
         self._steep = self._steep_pixels()
@@ -87,6 +92,7 @@ class StabilityChecks:
             return
         total = np.asarray(np.sum([p[..., GREEN] for p in pictures], axis=0), np.float32)
         drift, room, sigma, left = self._compared(total)
+        sigma = float(np.hypot(sigma, self._rounding * np.sqrt((len(pictures) + 1) / 12)))
         room = float(np.copysign(max(abs(room) - MAX_SCATTER * mark_share, 0.0), room))
         self.sums.append(
             PatternSum(shots, drift, room, sigma, *self._shift(left), self._changed(left))

@@ -105,6 +105,11 @@ class SessionImages:
         for shot in shots:
             yield int(shot.detail["plane"]), self.counts(shot)
 
+    def step(self, projector: str) -> float:
+        """Radiance of one count of a projector's white."""
+        exposure_s = self.only(projector, "white").exposures_s[0]
+        return 1 / (self.radiometer.camera.sensor.full_scale * exposure_s)
+
     def white_and_black(self, projector: str) -> tuple[Counts, Counts]:
         """Green counts (H, W) of white, and of black as if exposed like it [DN]."""
         white = self._frame(self.only(projector, "white"), 0)

@@ -205,7 +205,7 @@ def _measured(
     separation = Separation(
         sight.white, sight.panel, sight.lit, view.solid_angle_sr, sight.maybe_lit
     )
-    checks = StabilityChecks(sight.white, view.on_screen & ~sight.unpatterned)
+    checks = StabilityChecks(sight.white, view.on_screen & ~sight.unpatterned, images.step(name))
     for axis, bit, pattern, inverse in images.stripe_pairs(name):
         pattern, inverse = pattern - sight.base, inverse - sight.base  # noqa: PLW2901
         separation.add_pair(axis, bit, pattern, inverse)

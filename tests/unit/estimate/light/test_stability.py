@@ -39,6 +39,23 @@ def test_steady_light_has_no_note() -> None:
         assert abs(total.room) < 4 * total.sigma and abs(total.drift) < 4 * total.sigma
 
 
+def test_what_is_rounded_is_steady() -> None:
+    """Noiseless light of few counts: its rounding is neither drift nor a lamp."""
+    noted = {True: 0, False: 0}
+    for number in range(20):
+        step = 1 / (8 + number)
+        rounded = [
+            np.float32(step) * np.rint(picture / step)
+            for picture in pictures(np.random.default_rng(number), noise=0.0)
+        ]
+        for known in noted:
+            found = StabilityChecks(rounded[0], np.ones((SIZE, SIZE), bool), step if known else 0.0)
+            found.add("7 and 8", rounded[1:])
+            (total,) = found.sums
+            noted[known] += max(abs(total.room), abs(total.drift)) > 5 * total.sigma
+    assert noted[True] == 0 and noted[False] > 5
+
+
 def test_a_lamp_in_the_room() -> None:
     (note,) = checks(room=0.005).notes("north")
     assert note.startswith("projector north: light of the room changed")
