@@ -28,8 +28,8 @@ from procam.model.optics import CameraModel
 from procam.model.plan import Plan, Shot
 from procam.workflows.capture.brackets import solve_brackets
 from procam.workflows.capture.by_hand import PREFIX
-from procam.workflows.capture.earlier import notes_of_earlier
 from procam.workflows.capture.decoded import DECODED_BITS, with_decoded_bits
+from procam.workflows.capture.earlier import notes_of_earlier
 from procam.workflows.capture.photo_index import read_index
 from procam.workflows.capture.session_plan import plan_of
 from procam.workflows.capture.settings import (
