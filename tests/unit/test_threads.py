@@ -51,14 +51,20 @@ def alone() -> None:
 
 
 class Written:
-    """A session that takes a moment to store a frame."""
+    """A session that takes a moment to store a frame, and a rig that is dark."""
+
+    directory = "nowhere"
+
+    def darken_all(self) -> list[str]:
+        return []
 
     def store(self, *_: object) -> None:
         time.sleep(1e-4)
 
 
 def recorded() -> None:
-    with _Recorder(Written()) as recorder:  # type: ignore[arg-type]
+    both = Written()
+    with _Recorder(both, both) as recorder:  # type: ignore[arg-type]
         for shot in range(2):
             recorder.store("main", shot, 0.1, None)  # type: ignore[arg-type]
 

@@ -319,7 +319,8 @@ class TestRefusals:
         self, venue: Venue, calibration: Calibration, rig: Rig
     ) -> None:
         cameras = {"side": calibration.cameras[CAMERA]}
-        message = self._complaint(rig, venue, replace(calibration, cameras=cameras), InputError)
+        other = replace(calibration, cameras=cameras, main_camera="side")
+        message = self._complaint(rig, venue, other, InputError)
         assert "venue.toml: " in message and "no camera side" in message and "[200, " in message
         south = calibration.projectors["south"]
         larger = replace(south, model=replace(south.model, size=(256, 160)))

@@ -13,7 +13,6 @@ from procam.maths.geometry.lenses import unproject
 
 # rms over the screen of what an unknown lens takes: .04 by a fisheye that leaves 85 % at 90 degrees
 USUAL = 0.04
-GREEN = 1
 
 
 def unknown_vignetting(per_flux: Image, view: DomeView) -> float:
@@ -49,7 +48,7 @@ def vignetting_notes(per_flux: Image, view: DomeView) -> list[str]:
 
 def _fall(per_flux: Image, view: DomeView) -> tuple[float, float]:
     """Relative fall of scattered light to the edge, and its rms over the screen, by a line in theta^2."""
-    light, camera = per_flux[..., GREEN], view.camera
+    light, camera = per_flux.mean(axis=-1), view.camera
     use = view.on_screen & (light > 0)
     rows, columns = np.nonzero(use)
     if len(rows) < 2:

@@ -85,7 +85,9 @@ class TestSeats:
         both = replace(calibration, cameras={"far": away, "zenith": same})
         keep(used.parents[1], both, "0002")
         assert _found(used) == []
-        keep(used.parents[1], replace(calibration, cameras={"far": away}), "0003")
+        keep(
+            used.parents[1], replace(calibration, cameras={"far": away}, main_camera="far"), "0003"
+        )
         assert [(seat.camera, seat.here) for seat in _found(used)] == [("far", "zenith")]
 
     def test_it_is_of_the_same_projectors(self, used: Path, calibration: Calibration) -> None:
@@ -135,7 +137,7 @@ class TestPhotographs:
         index.parent.mkdir()
         own = (index.parents[1] / "zenith" / "index.jsonl").read_text()
         index.write_text(own.replace('"b"', '"c"'))
-        keep(venue, replace(calibration, cameras={"far": away}), "0001")
+        keep(venue, replace(calibration, cameras={"far": away}, main_camera="far"), "0001")
         assert _names(used) == ["0003", "0002"]
         index.write_text(own)
         assert _names(used) == ["0002"]

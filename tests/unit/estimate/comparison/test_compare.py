@@ -193,7 +193,8 @@ class TestVerdict:
 
     def test_with_several_cameras_all_are_named(self, rig: Calibration) -> None:
         zenith = rig.cameras["zenith"]
-        other = replace(_bent(rig, _lens_error(5.0, 1.0)), cameras={"phone": zenith})
+        bent = _bent(rig, _lens_error(5.0, 1.0))
+        other = replace(bent, cameras={"phone": zenith}, main_camera="phone")
         assert "a camera (zenith, phone)" in compare_calibrations(rig, other).verdict.text
 
     def test_with_one_projector_its_own_lens_is_named_too(self, rig: Calibration) -> None:
