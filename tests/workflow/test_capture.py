@@ -8,6 +8,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -292,11 +293,18 @@ def test_ctrl_c_makes_projectors_dark_although_the_disk_hangs(
         stopped_s.append(time.monotonic())
         os.kill(os.getpid(), signal.SIGINT)
 
+    lit_photographs = count()
+
     def stopped(camera: SimulatedCamera) -> Frame:
-        if writes.is_set():  # the next photograph: it is handed over when that before is on disk
-            assert stages[-1].lit()
-            threading.Timer(0.2, stop).start() if at_the_disk else stop()
-        return take(camera)
+        second = bool(stages[-1].lit()) and next(lit_photographs) == 1
+        if second:  # the first one is on its way to the disk
+            assert writes.wait(STUCK_S)
+        if second and not at_the_disk:
+            stop()
+        frame = take(camera)
+        if second:
+            threading.Timer(0.2, stop).start()
+        return frame
 
     def announced(text: str) -> None:
         said.append((text, stages[-1].lit(), time.monotonic() - stopped_s[0]))
