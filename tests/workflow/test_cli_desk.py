@@ -18,6 +18,7 @@ from procam.files.images.pixels import write_image
 from procam.files.session import Session
 from procam.files.venue.load import template_text
 from procam.maths.light.curves import srgb_decode, srgb_encode
+from procam.workflows.capture.decoded import DECODED_BITS
 from simulators.scene import SceneSize
 
 Array = np.ndarray
@@ -190,7 +191,7 @@ class TestIngest:
         stored, entry = kept.read_bytes(), Session(session).read_plan().shots[1]
         camera = Session(session).load(CAMERA, entry, entry.exposures_s[0], (180, 120))
         sensor = tomllib.loads(toml.read_text())["cameras"][CAMERA]
-        black, full = sensor["black_level"], 2 ** sensor["bits"] - 1
+        black, full = sensor["black_level"], 2**DECODED_BITS - 1
         light = (camera.counts[..., 0] - black) / (full - black)
         np.testing.assert_allclose(light, srgb_decode(shots[3] / 255), atol=0.01)
         for path in brackets.glob("*.png"):

@@ -100,6 +100,8 @@ def _rounding(counts: Array, level: Array) -> Array:
     photographs that are noiseless repeat their rounding.
     """
     known = np.unique(counts)
+    if len(known) < 2:
+        return np.full(level.shape, ROUNDING)
     return np.interp(level, known[1:], np.diff(known) ** 2 * ROUNDING)
 
 

@@ -141,8 +141,8 @@ def measure_server_light(
     unpatterned = pixels_without_pattern(shot_ids_share, xy)
     panel = np.where(unpatterned[..., None], np.float32(np.nan), master.coarse_pixels(xy))
     lit |= unpatterned
-    share = float(shot_ids_share.covered.mean())
-    sight = CameraSight(xy, panel, lit, lit, unpatterned, white, base, share)
+    ids_share = float(shot_ids_share.covered.mean())
+    sight = CameraSight(xy, panel, lit, lit, unpatterned, white, base, ids_share)
     found, levels = _measured(images, view, name, black, sight, master)
     samples = level_samples(levels, found.light.direct, found.colour.mix, xy, master.size)
     found = replace(found, exponent=fit_exponent(samples, found.response, master.size))
@@ -201,10 +201,8 @@ def _measured(
     master: DomeMaster | None = None,
 ) -> tuple[ProjectorMeasurement, list[Levels]]:
     """The light of white, split and fitted, and that of level pictures; `master` of a server."""
-    coarse = master.coarse if master else 1
-    separation = Separation(
-        sight.white, sight.panel, sight.lit, view.solid_angle_sr, sight.maybe_lit
-    )
+    coarse, solid_sr = master.coarse if master else 1, view.solid_angle_sr
+    separation = Separation(sight.white, sight.panel, sight.lit, solid_sr, sight.maybe_lit)
     checks = StabilityChecks(sight.white, view.on_screen & ~sight.unpatterned, images.step(name))
     for axis, bit, pattern, inverse in images.stripe_pairs(name):
         pattern, inverse = pattern - sight.base, inverse - sight.base  # noqa: PLW2901
@@ -228,8 +226,8 @@ def _measured(
         steps.append((direct_part(shot), tile_levels(picture, sight.panel, light.lit)))
         fit.add(*steps[-1])
     if sight.unpatterned.any():
-        on_screen = view.solid_angle_sr > 0
-        light = fill_light(light, sight.white, sight.unpatterned, view.solid_angle_sr)
+        on_screen = solid_sr > 0
+        light = fill_light(light, sight.white, sight.unpatterned, solid_sr)
         black = fill_picture(black, sight.unpatterned & on_screen, on_screen)
     scatter_samples, zones = _scatter_samples(images, view, name, light, sight, separation.clear_px)
     checks.add("of parts of the panel", zones, 3 * sight.shot_ids_share)

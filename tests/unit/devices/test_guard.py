@@ -234,7 +234,7 @@ def test_a_lamp_that_is_off_is_dark(bench: Bench) -> None:
     assert bench.dark
 
 
-def test_a_lamp_that_is_told_to_light_is_not_dark_yet(bench: Bench) -> None:
+def test_a_lamp_that_is_switched_on_is_not_dark_yet(bench: Bench) -> None:
     """It says that it is off, until the order arrives."""
     bench.control.power = Power.STANDBY
     bench.control.meanwhile = bench.take_in_a_call
