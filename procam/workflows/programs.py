@@ -12,8 +12,6 @@ from procam.threads import start
 SHOWN = 200  # letters of what a program printed
 START_S = 0.5  # more, for a program whose file is on a disk that hangs
 POLL_S = 0.01
-# after vfork this process would stand still, watchdogs and all, until the program's file is read
-subprocess._USE_VFORK = False  # type: ignore[misc]
 
 
 def run_program(words: list[str], limit_s: float) -> tuple[int | None, str]:

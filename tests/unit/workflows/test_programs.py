@@ -1,7 +1,6 @@
 """Programs get a time limit, and whatever they do, there is an answer."""
 
 import signal
-import subprocess
 import sys
 import time
 
@@ -56,7 +55,3 @@ def test_an_exit_code_that_is_lost_is_no_success(script: str) -> None:
             run_program(["sh", "-c", script], LIMIT_S)
     finally:
         signal.signal(signal.SIGCHLD, before)
-
-
-def test_this_process_does_not_stand_still_while_the_system_reads_the_program() -> None:
-    assert not subprocess._USE_VFORK
