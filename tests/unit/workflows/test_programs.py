@@ -1,6 +1,8 @@
 """Programs get a time limit, and whatever they do, there is an answer."""
 
+import os
 import signal
+import subprocess
 import sys
 import time
 
@@ -55,3 +57,27 @@ def test_an_exit_code_that_is_lost_is_no_success(script: str) -> None:
             run_program(["sh", "-c", script], LIMIT_S)
     finally:
         signal.signal(signal.SIGCHLD, before)
+
+
+COMPUTING = """
+import threading, time
+import numpy as np
+from procam.workflows.programs import run_program
+
+def ask():
+    while time.monotonic() < end_s:
+        assert run_program(["true"], 2.0) == (0, "")
+
+end_s, some = time.monotonic() + 2.0, np.ones((400, 400))
+asking = threading.Thread(target=ask, daemon=True)
+asking.start()
+while time.monotonic() < end_s:
+    some @ some
+asking.join()
+"""
+
+
+def test_a_run_that_computes_is_not_disturbed() -> None:
+    """A fork would run the handlers of the linear algebra's threads, which then wait for ever."""
+    several = {**os.environ, "OPENBLAS_NUM_THREADS": "2"}
+    subprocess.run([sys.executable, "-c", COMPUTING], env=several, timeout=60, check=True)
