@@ -34,18 +34,27 @@ class Stopped(DeviceError):
     """A signal stopped the run."""
 
 
-def ask(question: Callable[[], None], late: str) -> None:
+def ask(
+    question: Callable[[], None], late: str, is_over: Callable[[], bool] = lambda: False
+) -> bool:
     """Ask whether projectors may be lit: a question that neither raises nor is late is a yes.
+
+    Returns whether `is_over` became true before the answer; it is looked at every LOOK_S.
 
     Raises
     ------
     ProcamError
-        What the question raised; `DeviceError` with the text `late` if there is no answer in LATE_S.
+        What the question or `is_over` raised; `DeviceError` with the text `late` if there is no answer in
+        LATE_S.
     """
-    try:
-        start(question).result(LATE_S)
-    except Empty:
-        raise DeviceError(late) from None
+    answer, deadline_s = start(question), time.monotonic() + LATE_S
+    while time.monotonic() < deadline_s:
+        with suppress(Empty):
+            answer.result(LOOK_S)
+            return False
+        if is_over():
+            return True
+    raise DeviceError(late)
 
 
 class Watchdog:
@@ -99,23 +108,14 @@ class Watchdog:
         while True:
             asked_s = time.monotonic()
             try:
-                if self._ask() or self._wait(asked_s + ASK_EVERY_S - time.monotonic()):
+                if ask(self._question, self._late, partial(self._wait, 0.0)):
+                    return None
+                if self._wait(asked_s + ASK_EVERY_S - time.monotonic()):
                     return None
             except ProcamError as error:
                 return error
             except BaseException as error:
                 return DeviceError(f"the interlock could not be asked ({error})")
-
-    def _ask(self) -> bool:
-        """Ask as `ask` does; whether the rig is left meanwhile. A signal is an error at once."""
-        answer, deadline_s = start(self._question), time.monotonic() + LATE_S
-        while time.monotonic() < deadline_s:
-            with suppress(Empty):
-                answer.result(LOOK_S)
-                return False
-            if self._wait(0.0):
-                return True
-        raise DeviceError(self._late)
 
     def _wait(self, duration_s: float) -> bool:
         """Wait for a while; whether the rig is left. A signal is an error, unless the light is gone."""
