@@ -28,7 +28,8 @@ from simulators.scene import SceneSize
 from simulators.template import venue_text
 from studies.measure import side_by_side, write
 from studies.photometry import calibrate_venue
-from studies.readers import READERS, Reader, make_files
+from studies.readable_files import make_files
+from studies.readers import READERS, Reader
 
 MAP_SIZE = 64  # of the dome's maps: quick to read
 CASES = 20_000  # of each reader, as far as its time goes

@@ -440,15 +440,20 @@ GROUPS: dict[str, list[Callable[[Bench], Iterator[str]]]] = {
 }
 
 
-def main() -> None:
+def prepare(folder: Path) -> None:
+    """Make this process one that will be forked often, and whose venues are coarse."""
     one_thread()
-    stage, folder = sys.argv[1], Path(sys.argv[2])
     tempfile.tempdir = str(folder / "wires")  # where emulated serial ports appear
     Path(tempfile.tempdir).mkdir()
     procam.estimate.calibration.MAP_SIZE = MAP_SIZE
     procam.estimate.light.floor_albedo.DROPS = FLOOR_DROPS
     procam.estimate.structured_light.self_calibration.SAMPLE_PIXELS = SAMPLE_PIXELS
     simulators.transport.DOME_RINGS, simulators.transport.DOME_SECTORS = COARSE_ROOM
+
+
+def main() -> None:
+    stage, folder = sys.argv[1], Path(sys.argv[2])
+    prepare(folder)
     with quick_simulator():
         bench = Bench(folder)
         survived = [list(group(bench)) for group in GROUPS[stage]]

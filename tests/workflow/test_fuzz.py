@@ -17,7 +17,8 @@ from tiny_venue import make_venue, quick_simulator, solved, take_session
 import procam
 import procam.estimate.calibration
 from studies.fuzz import foreign, fuzz
-from studies.readers import READERS, Reader, make_files
+from studies.readable_files import make_files
+from studies.readers import READERS, Reader
 
 CASES = 100
 ANYTHING = ".lock", "header of a picture"  # any words of a process; the beginning of a file

@@ -21,25 +21,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from crash_driver import STOP_SIGNALS, child
+from crash_driver import STOP_SIGNALS, child, prepare
 from tiny_venue import (
     CAMERA,
     TINY_PAIR,
     make_venue,
-    one_thread,
     quick_simulator,
     solved,
     take_session,
 )
 
-import procam.estimate.calibration
-import procam.estimate.light.floor_albedo
-import procam.estimate.structured_light.self_calibration
 import procam.workflows.unattended
 import procam.workflows.watchdog
 import simulators.backend
 import simulators.scene
-import simulators.transport
 from procam.errors import DeviceError
 from procam.files.session import Session
 from procam.interfaces.cli._run_log import RunLog
@@ -56,7 +51,6 @@ NOTIFY_S, END_S = 1.5, 2.0  # shorter than in life, for the sake of time
 LAST_S, LIT_S = 3.0, 0.8  # within which an event comes, from the beginning and from the first light
 LIT_FIRST = 0.9  # share of runs whose event waits for light
 DARK = "all projectors are dark"
-MAP_SIZE, SAMPLE_PIXELS, COARSE_ROOM, FLOOR_DROPS = 128, 1000, (10, 20), (0.2,)
 INTERLOCK = """#!/bin/sh
 # one line for each asking: when it began, and when it said no
 read began _ < /proc/uptime
@@ -386,14 +380,8 @@ def one_run(bench: Bench, run: Run) -> dict[str, Any]:
 
 
 def main() -> None:
-    one_thread()
     first, last, folder = int(sys.argv[1]), int(sys.argv[2]), Path(sys.argv[3])
-    tempfile.tempdir = str(folder / "wires")  # where emulated serial ports appear
-    Path(tempfile.tempdir).mkdir()
-    procam.estimate.calibration.MAP_SIZE = MAP_SIZE
-    procam.estimate.light.floor_albedo.DROPS = FLOOR_DROPS
-    procam.estimate.structured_light.self_calibration.SAMPLE_PIXELS = SAMPLE_PIXELS
-    simulators.transport.DOME_RINGS, simulators.transport.DOME_SECTORS = COARSE_ROOM
+    prepare(folder)
     with quick_simulator():
         bench = Bench(folder)
         for seed in range(first, last + 1):
