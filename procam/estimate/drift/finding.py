@@ -85,3 +85,9 @@ class Finding:
     def alarm(self) -> bool:
         """Whether the dome shows it; a camera that stands elsewhere only matters to the next photograph."""
         return self.cause not in NOT_ALARMING
+
+
+def not_seen(projector: str, text: str) -> Finding:
+    """What the camera sees too little of to judge it."""
+    advice = "look at masks in venue.toml, and at what stands before the camera"
+    return Finding("not seen", projector, float("nan"), float("nan"), "-", text, advice)

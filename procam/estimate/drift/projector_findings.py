@@ -16,6 +16,7 @@ from procam.estimate.drift.finding import (
     TREND_SIGMA,
     Cause,
     Finding,
+    not_seen,
 )
 from procam.estimate.drift.panel import NO_LIGHT
 from procam.estimate.drift.projector_change import MotionKind, ProjectorChange
@@ -59,15 +60,7 @@ def name_projector_causes(
     the blur of all pictures [px^2].
     """
     if np.isnan(change.shows):
-        yield Finding(
-            "not seen",
-            name,
-            float("nan"),
-            float("nan"),
-            "-",
-            "the camera sees hardly any of it, so it is not judged",
-            "look at masks in venue.toml, and at what stands before the camera",
-        )
+        yield not_seen(name, "the camera sees hardly any of it, so it is not judged")
         return
     if change.shows < NO_LIGHT:
         yield Finding(

@@ -15,6 +15,7 @@ from procam.estimate.drift.finding import (
     MOST_SPAN,
     SPAN_SIGMA,
     Finding,
+    not_seen,
 )
 from procam.estimate.drift.projector_change import ProjectorChange
 from procam.estimate.drift.response_change import ResponseChange
@@ -39,14 +40,8 @@ def name_settings(name: str, change: ProjectorChange) -> Iterator[Finding]:
             "set brightness and signal range as they were",
         )
     if response is None:
-        yield Finding(
-            "not seen",
-            name,
-            float("nan"),
-            float("nan"),
-            "-",
-            "the camera sees too few of its grey levels, so its response is not judged",
-            "look at masks in venue.toml, and at what stands before the camera",
+        yield not_seen(
+            name, "the camera sees too few of its grey levels, so its response is not judged"
         )
         return
     yield from _dynamic(name, change, response, dynamic)
