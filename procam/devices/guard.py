@@ -199,7 +199,7 @@ class Guard:
             control.set_shutter(True)  # at once; what else there is to know takes longer
         except DeviceError:
             shut(control, self.rig.clock)
-        if control.on_its_way:  # a lamp that is off may have been told to light
+        if control.on_its_way:  # a lamp that is off may have been switched on
             while control.on_its_way:
                 time.sleep(POLL_S)
             shut(control, self.rig.clock)

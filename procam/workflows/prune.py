@@ -41,7 +41,7 @@ def prune_captures(venue: Venue) -> dict[str, int]:
 
 
 def _of_failed_recalibration(venue: Venue, path: Path) -> bool:
-    """Whether a session was begun to recalibrate projectors, and no calibration came of it."""
+    """Whether a session was started to recalibrate projectors, and no calibration came of it."""
     return Session(path).is_of_recalibration and path.name not in solved_sessions(venue.directory)
 
 

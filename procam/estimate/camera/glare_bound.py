@@ -13,7 +13,7 @@ from procam.maths.warp import block_mean
 from procam.model.optics import Sensor
 
 UNMEASURED = 0.01  # standard error of a glare of 0 by somebody who does not know it
-MOST = 0.05  # share of the light that a lens veils at most: by ISO 9358 good ones .5 to 3 %
+MOST = 0.05  # share of the light that a lens veils at most: by ISO 9358 good ones 0.5 to 3 %
 CELL_PX = 4  # edge of the cells whose light is compared, to average noise
 DARKEST = 0.01  # quantile of the cells
 UNIFORM = 3**-0.5  # standard error of a value between 0 and 1, about 0

@@ -31,7 +31,7 @@ class ResponseStep:
 
     @property
     def excess(self) -> float:
-        """Size over what it must exceed to count: .02 of white, or five standard errors."""
+        """Size over what it must exceed to count: 0.02 of white, or five standard errors."""
         return abs(self.size) / max(MOST_RESPONSE, CERTAIN * self.sigma)
 
     @property

@@ -40,7 +40,7 @@ BETTER = 0.5  # share of the systematic ratio that must remain at most, once a c
 EQUAL = 1.2  # factor between two systematic ratios of which neither is better
 MOVED = 0.5  # share of a camera's misfit that two poses must remove; a panelled dome gives below .1
 MOST = 100.0  # limit of the systematic ratio of a rig that does not fit at all
-RESCALED = 0.01  # share by which a focal length is off; boards give it to .0005
+RESCALED = 0.01  # share by which a focal length is off; boards give it to 0.0005
 THINNED = 600  # observations of each pair that the tests use
 
 

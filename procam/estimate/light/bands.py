@@ -19,7 +19,7 @@ TREND = 4  # terms of the polynomial that paint and vignetting leave along the p
 # amplitude, of the light: gains follow it, and are promised to 2 %; without bands drawn rooms stay below .004
 NOTED = 0.008
 LOUDER = 3.0  # times the largest amplitude across: seams, rings and dirt make both alike
-STANDS_OUT = 0.2  # logarithm of light over the line's, of a person or a spot: paint differs by .1
+STANDS_OUT = 0.2  # logarithm of light over the line's, of a person or a spot: paint differs by 0.1
 MIN_LINE = 0.2  # of the longest row or column: shorter ones do not count
 
 

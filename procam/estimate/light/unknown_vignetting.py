@@ -11,7 +11,7 @@ from procam.arrays import Image
 from procam.estimate.geometry.camera_view import DomeView
 from procam.maths.geometry.lenses import unproject
 
-# rms over the screen of what an unknown lens takes: .04 by a fisheye that leaves 85 % at 90 degrees
+# rms over the screen of what an unknown lens takes: 0.04 by a fisheye that leaves 85 % at 90 degrees
 USUAL = 0.04
 
 

@@ -14,7 +14,7 @@ from procam.workflows.capture.session_images import Counts, SessionImages
 
 SAMPLES = 200_000  # of which a noise law is fitted
 LEAST_PIXELS = 200  # with direct light, of which a share is judged
-# of the pixels with direct light, that must be decoded; without a mistake .85 or more, the rest at borders
+# of the pixels with direct light, that must be decoded; without a mistake 0.85 or more, the rest at borders
 LEAST_DECODED = 0.6
 
 

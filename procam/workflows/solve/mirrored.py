@@ -15,7 +15,7 @@ FLIPS: Mapping[str, Callable[[Image], Image]] = {
     "upside down": lambda picture: picture[::-1],
     "upside down and mirrored": lambda picture: picture[::-1, ::-1],
 }
-# by which a flipped picture must correlate better with a photograph: right ones correlate by .8 or more,
+# by which a flipped picture must correlate better with a photograph: right ones correlate by 0.8 or more,
 # and a flipped one as much only where the picture is its own mirror image
 BETTER = 0.3
 MAX_PIXELS = 10_000
