@@ -60,6 +60,7 @@ BLOCKING: tuple[Cause, ...] = (
     "camera moved",
     "camera exposure",
     "camera focus",
+    "banding",
     "ambient light",
     "warming up",
 )

@@ -90,5 +90,7 @@ def test_mistakes_after_a_calibration_are_named(
     for row in rows[1:]:
         name = row["later"][0]
         assert row["causes"] and set(row["causes"]) <= LATER[name], row
+    _, banded = stage.verify(("banding in step", 0.03))
+    assert banded == ["zenith banding"]
     assert LATER.keys() == LATER_STRENGTHS.keys()
     assert len(list(later_table(rows))) == 4 + len(LATER)

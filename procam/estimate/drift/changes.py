@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from procam.arrays import BoolArray, FloatArray
+from procam.estimate.drift.banding import find_banding
 from procam.estimate.drift.camera_motion import (
     CLOSE_PX,
     WIDE_PX,
@@ -22,6 +23,7 @@ from procam.estimate.drift.panel import all_seen, find_picture, from_pose, make_
 from procam.estimate.drift.pictures import VenuePhotographs
 from procam.estimate.drift.projector_change import ProjectorChange, measure_projector
 from procam.estimate.drift.scatter_change import ambient_light, scatter_ratio, scattered_share
+from procam.estimate.light.bands import Bands
 from procam.model.calibration import Calibration
 from procam.model.transport import Measured
 
@@ -38,6 +40,7 @@ class VenueChange:
     projectors : by name. camera : of the camera. dome : of the screen.
     scatter : scattered light per direct light over that before (3,); None where it is not seen.
     ambient : rise (3,) of the light of the dark room [rel].
+    bands : in today's photographs; None where there are none, or the camera moved.
     """
 
     projectors: Mapping[str, ProjectorChange]
@@ -45,6 +48,7 @@ class VenueChange:
     dome: DomeChange
     scatter: Measured | None
     ambient: Measured
+    bands: Bands | None = None
 
 
 def find_changes(
@@ -78,7 +82,8 @@ def find_changes(
         changes[panel.name], lights[panel.name] = measure_projector(
             calibration, panel, before, now, found[panel.name], shares[panel.name]
         )
-    return _with_room(calibration, before, now, camera, changes, lights)
+    change = _with_room(calibration, before, now, camera, changes, lights)
+    return change if camera.moved else replace(change, bands=find_banding(before, now))
 
 
 def _with_room(

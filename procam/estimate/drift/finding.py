@@ -25,6 +25,7 @@ Cause = Literal[
     "camera moved",
     "camera exposure",
     "camera focus",
+    "banding",
 ]
 CHANNELS = ("red", "green", "blue")
 CERTAIN = 5.0  # sigmas

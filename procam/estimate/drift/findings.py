@@ -25,6 +25,7 @@ from procam.estimate.drift.finding import (
 )
 from procam.estimate.drift.projector_change import ProjectorChange
 from procam.estimate.drift.projector_findings import is_warming, name_projector_causes
+from procam.estimate.light.bands import ADVICE
 from procam.maths.geometry.sphere import angles_from_direction, master_directions
 from procam.maths.statistics import MEDIAN_SIGMA
 from procam.model.calibration import Calibration
@@ -92,6 +93,9 @@ def _camera(calibration: Calibration, change: VenueChange, common: float) -> Ite
             f"all pictures are blurred alike, by {np.sqrt(blur):.1f} projector pixels",
             "focus the camera",
         )
+    if change.bands:
+        size = change.bands.amplitude
+        yield Finding("banding", name, size, 0.05 * size, "rel", change.bands.text, ADVICE)
 
 
 def _is_alone(calibration: Calibration, motion: CameraMotion) -> bool:
@@ -132,7 +136,8 @@ def _camera_blur(change: VenueChange) -> float:
 
 
 def _room(calibration: Calibration, change: VenueChange) -> Iterator[Finding]:
-    dust, stain = change.dome.dust, change.dome.stain
+    # in bands of a few directions dust and stains would be found, too
+    dust, stain = (None, None) if change.bands else (change.dome.dust, change.dome.stain)
     or_lamps = ", or what lights it there" if len(change.projectors) == 1 else ""
     if dust:
         yield Finding(

@@ -21,6 +21,10 @@ NOTED = 0.008
 LOUDER = 3.0  # times the largest amplitude across: seams, rings and dirt make both alike
 STANDS_OUT = 0.2  # logarithm of light over the line's, of a person or a spot: paint differs by 0.1
 MIN_LINE = 0.2  # of the longest row or column: shorter ones do not count
+ADVICE = (
+    "set exposure_s to a multiple of the pulse, 0.01 s or 0.00833 s for mains and the projector's frame time "
+    "for its lamp, or take a global shutter, and photograph again"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,16 +39,19 @@ class Bands:
     amplitude: float
     profile: Array
 
-    def note(self, camera: str) -> str:
-        """What the report says."""
+    @property
+    def text(self) -> str:
+        """What is seen, and its cause."""
         lines = ("rows", "columns")[self.across]
         return (
-            f"camera {camera}: {lines} of its photographs are brighter and darker in turn by "
-            f"{self.amplitude:.1%}, about {self.count:.0f} bands and the same in all photographs: its "
-            "rolling shutter reads light that pulses (banding). Gains are wrong by as much: set exposure_s "
-            "to a multiple of the pulse, 0.01 s or 0.00833 s for mains and the projector's frame time for "
-            "its lamp, or take a global shutter, and photograph again"
+            f"{lines} of its photographs are brighter and darker in turn by {self.amplitude:.1%}, about "
+            f"{self.count:.0f} bands and the same in all photographs: its rolling shutter reads light that "
+            "pulses (banding)"
         )
+
+    def note(self, camera: str) -> str:
+        """What the report says."""
+        return f"camera {camera}: {self.text}. Gains are wrong by as much: {ADVICE}"
 
 
 def find_bands(departure: Image, use: BoolArray) -> Bands | None:
@@ -62,14 +69,14 @@ def _best_wave(departure: Image, use: BoolArray, across: int) -> Bands | None:
     count = use.sum(axis=1 - across)
     lines = np.flatnonzero(count > MIN_LINE * count.max())
     length = departure.shape[across]
-    if len(lines) < 2 * BAND_PX:
+    numbers = np.arange(FEWEST, length / BAND_PX, STEP)
+    if len(lines) < 2 * BAND_PX or not numbers.size:
         return None
     only = np.where(use, departure, np.nan).take(lines, axis=across)
     middle = _line_means(only, 1 - across)
     place = np.arange(length) / length
     trend = np.linalg.qr(np.polynomial.legendre.legvander(2 * place[lines] - 1, TREND - 1))[0]
     middle -= trend @ (trend.T @ middle)
-    numbers = np.arange(FEWEST, length / BAND_PX, STEP)
     explained = [_explained(_wave(place[lines], n), trend, middle) for n in numbers]
     best = int(np.argmax([rms for rms, _ in explained]))
     rms, wave = explained[best]
