@@ -1,8 +1,9 @@
 """A whole calibration of a dome that shares nothing with procam or its simulator, by hand, over seeds.
 
-The photographs are files; so are the pictures that they show (`studies.foreign_photographs`). What the
-projectors really draw is judged on the dome (`studies.foreign_room`). Writes studies/foreign_dome.json and
-studies/foreign_dome.md; `python -m studies foreign-dome` remakes them in ten minutes.
+The photographs are files; so are the pictures that they show (`studies.foreign_photographs`). They are raw,
+and once more JPEG of light that is far brighter in the middle of each panel. What the projectors really draw
+is judged on the dome (`studies.foreign_room`). Writes studies/foreign_dome.json and studies/foreign_dome.md;
+`python -m studies foreign-dome` remakes them in half an hour.
 """
 
 import tempfile
@@ -24,7 +25,7 @@ from procam.model.calibration import Calibration
 from procam.model.transport import Measured
 from procam.workflows.sample_content import CONTENTS
 from studies.foreign_bounces import RADIUS, hit
-from studies.foreign_photographs import Size, Stage
+from studies.foreign_photographs import JPEG, RAW, FileKind, Size, Stage
 from studies.foreign_room import PLATES, Cells, ForeignRoom
 from studies.measure import rms, side_by_side, write
 
@@ -33,6 +34,13 @@ Image = NDArray[np.float32]
 SEEDS = range(1, 11)
 MASTER, PATCHES = 1024, 256
 SHOWN = ("half-sky", "texture")
+KINDS = {
+    "Raw photographs of 12 bits": (RAW, Size()),
+    "JPEG of 8 bits, white fifteen times as bright in the middle as in the corners": (
+        JPEG,
+        Size(hot_spot=15),
+    ),
+}
 EVERY = 7  # pixel of a projector whose direction is compared
 LINE_MEAN_DEG, LINE_PIXELS = 2.0, 100
 
@@ -170,6 +178,8 @@ def table(rows: list[dict[str, Any]]) -> Iterator[str]:
             f"| {name}, error; covers in {covered} of {len(rows)}; median sigma "
             f"{np.median(sigma / value):.2%} | {goal} | {error.mean():+.2%} | {worst:+.2%} |"
         )
+    notes = [note for row in rows for note in row["notes"]]
+    yield f"| notes; nothing is wrong with these photographs | 0 | {len(notes)} in all | |"
     wrong, stated = (rms([row[f"{k}_arcmin"] for row in rows]) for k in ("absolute", "stated"))
     yield f"| directions with the marks by hand [arcmin], {stated:.2f} stated | | {wrong:.2f} | |"
 
@@ -182,11 +192,16 @@ def row_of(job: tuple[Stage, int]) -> dict[str, Any]:
     return {"seed": seed, **Judge(stage.room).figures(found)}
 
 
-def main() -> None:
-    """Run all seeds and write the results."""
+def _rows(kind: FileKind, size: Size) -> list[dict[str, Any]]:
+    """Figures of all seeds."""
     with tempfile.TemporaryDirectory() as folder:
-        stage = Stage(Size().room(), Path(folder))
+        stage = Stage(size.room(), Path(folder), kind)
         stage.prepare()
-        rows = side_by_side(row_of, [(stage, seed) for seed in SEEDS])
-    title = "# A dome of another program's making"
-    write("foreign_dome", {"rows": rows}, [title, "", *table(rows)])
+        return side_by_side(row_of, [(stage, seed) for seed in SEEDS])
+
+
+def main() -> None:
+    """Run all seeds of both kinds and write the results."""
+    rows = {title: _rows(*kind) for title, kind in KINDS.items()}
+    lines = [line for title in rows for line in ("", f"## {title}", "", *table(rows[title]))]
+    write("foreign_dome", rows, ["# A dome of another program's making", *lines])

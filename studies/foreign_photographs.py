@@ -2,6 +2,7 @@
 
 The owner states what owners know: a lens of another law by its data sheet, a veil measured at a desk, a
 floor by eye, marks by hand. All is drawn by seed, within what is stated; the lens is half a percent off.
+Photographs are raw, or what a camera makes of them that saves JPEG.
 """
 
 import csv
@@ -38,23 +39,59 @@ LENS_OFF = 0.005  # of the stated focal length
 CENTRE_SIGMA_PX, RIM_SIGMA_DEG, FLOOR_SIGMA = 0.5, 0.2, 0.05
 MARKS_DEG = {"a": (12.0, 35.0), "b": (130.0, 30.0), "c": (-110.0, 50.0), "d": (60.0, 65.0)}
 SURVEY_DEG, CLICK_PX = 0.05, 0.3
-EXPOSURE_S, BLACK_EXPOSURE_S = 0.5, 15.0
+EXPOSURE_S, BLACK_EXPOSURE_S = 0.5, 15.0  # of raw photographs
+JPEG_QUALITY = 92
 TRAPS = ((0.5, 0.5), (0.3, 0.4), (0.6, 0.7))  # light traps, in shares of the picture
 COARSE_PX = 8  # cells in which the veil is spread
 
 
 @dataclass(frozen=True)
 class Size:
-    """Projectors' and camera's pixels, and rays for each receiver of bounced light."""
+    """Projectors' and camera's pixels, rays for each receiver of bounced light, and how even the light is.
+
+    `hot_spot` : white in the middle of a panel over that in its corners, beside an even lens.
+    """
 
     panel: tuple[int, int] = (1024, 640)
     camera: int = 720
     walks: int = 16384
     rays: int = 32768
+    hot_spot: float = 1.0
 
     def room(self) -> ForeignRoom:
         """The dome at this size."""
-        return ForeignRoom(self.panel, self.camera, self.walks, self.rays)
+        return ForeignRoom(self.panel, self.camera, self.walks, self.rays, self.hot_spot)
+
+
+@dataclass(frozen=True)
+class FileKind:
+    """Photographs as files: a suffix, what venue.toml says of them, and the exposure that suits them."""
+
+    suffix: str
+    response: str
+    bits: int
+    black_level: float
+    exposure_s: float
+
+    def write(self, path: Path, counts: NDArray[np.uint16]) -> None:
+        """Write raw counts (H, W, 3) as PATH with this suffix."""
+        if self == RAW:
+            options = [cv2.IMWRITE_TIFF_COMPRESSION, 1]
+        else:
+            light = np.clip((counts - BLACK_LEVEL) / (2**BITS - 1 - BLACK_LEVEL), 0, 1)
+            counts = np.rint((2**self.bits - 1) * _srgb(light)).astype(np.uint8)
+            options = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
+            options += [cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444]
+        cv2.imwrite(str(path.with_suffix(self.suffix)), counts[..., ::-1], options)
+
+
+def _srgb(light: Array) -> Array:
+    """The curve of IEC 61966-2-1."""
+    return np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
+
+
+RAW = FileKind(".tif", "linear", BITS, BLACK_LEVEL, EXPOSURE_S)
+JPEG = FileKind(".jpg", "srgb", 8, 0.0, 2 * EXPOSURE_S)
 
 
 class Sensor:
@@ -121,7 +158,9 @@ class Sensor:
         return fit_glare(lights, traps, radiometer.seen)
 
 
-def venue_text(room: ForeignRoom, sensor: Sensor, veil: VeilingGlare, seed: int) -> str:
+def venue_text(
+    room: ForeignRoom, sensor: Sensor, veil: VeilingGlare, seed: int, kind: FileKind = RAW
+) -> str:
     """What the owner of a seed states."""
     camera, rng = room.camera, np.random.default_rng((seed, 3))
     focal = float(camera.focal_px * (1 + LENS_OFF * rng.choice([-1, 1])))
@@ -149,15 +188,15 @@ f = {[round(focal, 3)] * 2}
 c = {np.round(centre, 2).tolist()}
 k = [{-1 / 24:.6f}, {1 / 1920:.6f}, 0.0, 0.0]
 intrinsics = "prior"
-response = "linear"
-bits = {BITS}
-black_level = {BLACK_LEVEL}
+response = "{kind.response}"
+bits = {kind.bits}
+black_level = {kind.black_level}
 vignetting = {np.round(vignetting, 5).tolist()}
 glare = {veil.glare:.6f}
 glare_sigma = {veil.sigma:.6f}
 {projectors}
 [capture]
-exposure_s = {EXPOSURE_S}
+exposure_s = {kind.exposure_s}
 black_exposure_s = {BLACK_EXPOSURE_S}
 """ + "".join(_mark(room, name, rng) for name in MARKS_DEG)
 
@@ -181,10 +220,14 @@ sigma_px = {CLICK_PX}
 
 @dataclass(frozen=True)
 class Stage:
-    """The dome, and a folder: its venue, the pictures for its projectors, and their light in numpy files."""
+    """The dome, and a folder: its venue, the pictures for its projectors, and their light in numpy files.
+
+    `kind` : of the files that the camera saves.
+    """
 
     room: ForeignRoom
     folder: Path
+    kind: FileKind = RAW
 
     def prepare(self) -> None:
         """Write the pictures, and render them all without noise."""
@@ -204,9 +247,9 @@ class Stage:
         venue.mkdir(parents=True, exist_ok=True)
         sensor, stated = Sensor(self.room), venue / "venue.toml"
         stated.write_text(venue_text(self.room, sensor, VeilingGlare(0, 0.01, ()), seed))
-        # at the desk the camera is known, but for its veil
+        # at the desk the camera is known, but for its veil, and photographs are raw
         veil = sensor.desk_veil(Radiometer(load_venue(venue).cameras[CAMERA]), seed)
-        stated.write_text(venue_text(self.room, sensor, veil, seed))
+        stated.write_text(venue_text(self.room, sensor, veil, seed, self.kind))
 
     def _order(self) -> list[dict[str, str]]:
         return list(csv.DictReader((self.folder / "out" / "order.csv").read_text().splitlines()))
@@ -223,8 +266,7 @@ class Stage:
                 counts = sensor.counts(
                     light, exposure, (seed, 2, number, each), number / len(order)
                 )
-                name = folder / "photographs" / f"{number:03d}_{each}.tif"
-                cv2.imwrite(str(name), counts[..., ::-1], [cv2.IMWRITE_TIFF_COMPRESSION, 1])
+                self.kind.write(folder / "photographs" / f"{number:03d}_{each}", counts)
         venue = load_venue(folder / "venue")
         (session,) = (folder / "venue" / "sessions").iterdir()
         for _ in ingest(venue, Session(session), CAMERA, folder / "photographs"):

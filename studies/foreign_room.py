@@ -39,6 +39,9 @@ class Projector:
     white: Array  # (3, 3) light in the camera's channels per primary
     gamma: Array
     wider: float  # share by which the lens makes pictures wider
+    hot_spot: (
+        float  # light in the middle of the panel over that in its corners, beside an even lens
+    )
 
     @property
     def focal_px(self) -> Array:
@@ -75,7 +78,8 @@ class Projector:
             self.size
         )
         inside = points[..., 2] > RADIUS * np.cos(PLATES)
-        return np.asarray(90.0 * inside * (1 - 0.8 * corner**2) * incidence / distance**2)
+        lens = (1 - 0.8 * corner**2) * self.hot_spot ** -np.clip(4 * corner**2, 0, 1)
+        return np.asarray(90.0 * inside * lens * incidence / distance**2)
 
     def sent(self, drive: Image) -> Image:
         """Light (H, W, 3) of the panel in camera channels for a drive in 0..1: 1 is white in green."""
@@ -93,7 +97,7 @@ def _barrel(flat: Array) -> Array:
     return np.asarray(1 - 0.03 * radius2 / (1 + 0.2 * radius2))
 
 
-def make_projectors(size: tuple[int, int]) -> dict[str, Projector]:
+def make_projectors(size: tuple[int, int], hot_spot: float = 1.0) -> dict[str, Projector]:
     """Three projectors round the rim, each pointed at the far side."""
     made = {}
     for number, name in enumerate(("front", "left", "right")):
@@ -107,7 +111,7 @@ def make_projectors(size: tuple[int, int]) -> dict[str, Projector]:
         mix = mix * (1 + 0.03 * np.sin(np.arange(9).reshape(3, 3) + number))
         rotation = np.stack([right, np.cross(ahead, right), ahead])
         gamma = np.array([2.3, 2.35, 2.25]) + 0.03 * number
-        made[name] = Projector(size, place, rotation, mix, gamma, wider=4e-5 * (number - 1))
+        made[name] = Projector(size, place, rotation, mix, gamma, 4e-5 * (number - 1), hot_spot)
     return made
 
 
@@ -221,8 +225,11 @@ def _matrix(projector: Projector, points: Array, albedo: Array) -> csr_array:
 class ForeignRoom:
     """The dome with its projectors and its camera."""
 
-    def __init__(self, panel: tuple[int, int], camera_px: int, walks: int, rays: int) -> None:
-        self.projectors, self.camera = make_projectors(panel), make_camera(camera_px)
+    def __init__(
+        self, panel: tuple[int, int], camera_px: int, walks: int, rays: int, hot_spot: float
+    ) -> None:
+        self.projectors = make_projectors(panel, hot_spot)
+        self.camera = make_camera(camera_px)
         self._bounces = Bounces(walks, rays).matrix
         places = patch_places()
         self._patches = Cells(self, places, np.ones(places.shape[:2], bool), (len(places),))

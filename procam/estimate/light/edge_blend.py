@@ -9,6 +9,8 @@ from procam.model.calibration import ProjectorCalibration
 
 STEP = 0.04  # of the panel; over it lenses take a tenth at most
 DIM = 0.82  # of the light a step further inside
+# times the fall, in logarithms, of the step before: a hot spot falls off evenly, a blend ends at nothing
+STEEPER = 1.5
 CUT = 0.05  # of the panel: where light begins further inside, a plate or the rim of the dome cuts it off
 SOFT_PX = 3  # the lens's blur takes light from the outermost pixels
 GREEN = 1
@@ -27,7 +29,11 @@ def edge_blend_notes(projectors: Mapping[str, ProjectorCalibration]) -> list[str
             continue  # a media server, whose own blend must stay on
         surface = projector.surface
         light = projector.photometry.gain[..., GREEN] * surface.solid_angle_sr
-        dim = [side for side, share in _shares_at_edges(light, surface.valid) if share < DIM]
+        dim = [
+            side
+            for side, share, further in _shares_at_edges(light, surface.valid)
+            if share < min(DIM, further**STEEPER)
+        ]
         if dim:
             notes.append(
                 f"projector {name}: its pixels get darker towards the edge of its picture "
@@ -37,8 +43,11 @@ def edge_blend_notes(projectors: Mapping[str, ProjectorCalibration]) -> list[str
     return notes
 
 
-def _shares_at_edges(light: Image, valid: BoolArray) -> Iterator[tuple[str, float]]:
-    """Light (H, W) at each edge of what is valid, over that a step further inside; medians of lines."""
+def _shares_at_edges(light: Image, valid: BoolArray) -> Iterator[tuple[str, float, float]]:
+    """Light (H, W) at each edge of what is valid, over that a step further inside, and the same of there.
+
+    Medians of lines.
+    """
     for side, turned, used in (
         ("left", light, valid),
         ("right", light[:, ::-1], valid[:, ::-1]),
@@ -51,7 +60,10 @@ def _shares_at_edges(light: Image, valid: BoolArray) -> Iterator[tuple[str, floa
         lines = np.arange(count // 4, count - count // 4)
         lines = lines[used[lines].any(axis=1) & (first[lines] < SOFT_PX + CUT * length)]
         at = first[lines, None] + np.arange(max(SOFT_PX, step // 4))
-        edge, inside = (turned[lines[:, None], at + s].mean(axis=1) for s in (0, step))
-        sound = inside > 0
+        edge, inside, further = (
+            turned[lines[:, None], at + s].mean(axis=1) for s in (0, step, 2 * step)
+        )
+        sound = np.minimum(inside, further) > 0
         if sound.any():
-            yield side, float(np.median(edge[sound] / inside[sound]))
+            at_edge, before = edge[sound] / inside[sound], inside[sound] / further[sound]
+            yield side, float(np.median(at_edge)), float(np.median(before))

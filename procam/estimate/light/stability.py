@@ -27,6 +27,7 @@ MAX_SCATTER = 0.3  # of the direct light: the most that scatters to any place
 STEEP = 0.1  # slope of white, of its bright level a pixel, from which a shift shows
 MIN_STEEP = 50  # pixels
 BLOCK_PX = 6
+TILE_PX = 16  # within such a tile errors may be alike, as those of JPEG are
 CHANGED = 0.15  # of a block's light, and as much of a tenth of the bright level
 NOTED_CHANGE = 1e-3  # of the screen
 GREEN = 1
@@ -112,7 +113,7 @@ class StabilityChecks:
         """Drift, room light, the sigma of the worse one, and what is left (H, W) of light (H, W)."""
         surplus, white = light - self._green, self._picked()
         design = np.stack([white, np.full_like(white, self._level)], axis=1)
-        (drift, room), covariance = _fit(design, surplus.flat[self._pixels], self._level)
+        (drift, room), covariance = self._fit(design, surplus, self._pixels)
         left = surplus - np.float32(drift) * self._green - np.float32(room * self._level)
         return float(drift), float(room), float(np.sqrt(np.diag(covariance).max())), left
 
@@ -135,11 +136,32 @@ class StabilityChecks:
         )  # (across or down, kind, pixel)
         slopes = self._slope.reshape(-1, 2)[self._steep]
         design = -np.einsum("nd,dkn->nk", slopes, moves)
-        found, covariance = _fit(design, left.ravel()[self._steep], self._level)
+        found, covariance = self._fit(design, left, self._steep)
         squares = np.einsum("dkn,dln->kl", moves, moves) / len(slopes)
         length = float(np.sqrt(found @ squares @ found))
         along = squares @ found / max(length, 1e-12)  # unknown where borders all run one way
         return length, float(np.sqrt(along @ covariance @ along))
+
+    def _fit(self, design: FloatArray, light: Image, pixels: IndexArray) -> tuple[Array, Array]:
+        """Coefficients (K,) and covariance (K, K) of light (H, W) at pixels (n,) over `design` (n, K).
+
+        Without outliers. Errors may be alike within tiles of the picture (Liang and Zeger 1986,
+        doi:10.1093/biomet/73.1.13).
+        """
+        design, values = design.astype(float), light.flat[pixels].astype(float)
+        use = np.isfinite(values)
+        for _ in range(ROUNDS):
+            found = np.linalg.lstsq(design[use], values[use], rcond=None)[0]
+            residual = values - design @ found
+            scale = robust_sigma(residual[use], 0.0)
+            limit = OUTLIER_SIGMAS * scale + 1e-12 * self._level
+            use = np.isfinite(values) & (np.abs(residual) <= limit)
+        y, x = np.unravel_index(pixels[use], light.shape)
+        _, tile = np.unique(y // TILE_PX * light.shape[1] + x // TILE_PX, return_inverse=True)
+        weighed = design[use] * residual[use, None]
+        in_tiles = np.stack([np.bincount(tile, column) for column in weighed.T], axis=1)
+        spread = np.linalg.pinv(design[use].T @ design[use])
+        return np.asarray(found), np.asarray(spread @ (in_tiles.T @ in_tiles) @ spread)
 
     def _changed(self, left: Image) -> float:
         """Share of the screen's blocks whose light is not white's."""
@@ -195,19 +217,6 @@ class StabilityChecks:
 
 def _has_moved(total: PatternSum) -> bool:
     return total.shift_px > max(NOTED_SHIFT, SIGNIFICANT_SIGMAS * total.shift_sigma_px)
-
-
-def _fit(design: FloatArray, values: FloatArray, level: float) -> tuple[Array, Array]:
-    """Coefficients (K,) and covariance (K, K) of `values` (n,) over `design` (n, K), without outliers."""
-    design, values = design.astype(float), values.astype(float)
-    use = np.isfinite(values)
-    for _ in range(ROUNDS):
-        found = np.linalg.lstsq(design[use], values[use], rcond=None)[0]
-        residual = values - design @ found
-        scale = robust_sigma(residual[use], 0.0)
-        limit = OUTLIER_SIGMAS * scale + 1e-12 * level
-        use = np.isfinite(values) & (np.abs(residual) <= limit)
-    return np.asarray(found), np.asarray(scale**2 * np.linalg.pinv(design[use].T @ design[use]))
 
 
 ROOM_ADVICE = (

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from procam.arrays import AnyArray
 from procam.errors import OutOfModelRange
 from procam.estimate.camera.checks import exposure_ratio
 from procam.model.plan import Shot
@@ -16,7 +17,10 @@ from procam.workflows.capture.session_images import LONG, SessionImages
 GREEN = 1
 NOTED, CERTAIN = 0.02, 5.0  # departure from 1, and sigmas
 LEAST, MOST = 0.1, 3.0  # ratios that a camera may make; others are of another picture
-CLIPPED = 0.01  # of the pixels
+CUT_PERCENT = 99  # of the pixels that read 0
+ENCODED = (
+    0.02  # standard error: JPEG moves dim colours towards grey, by a third of a count of 8 bits
+)
 BLACK_NOTED = (
     0.1  # departure from 1; a short photograph of black is so dim that .05 may be the camera's
 )
@@ -86,10 +90,20 @@ def black_notes(images: SessionImages, name: str) -> list[str]:
 
 def _ratio(images: SessionImages, shot: Shot) -> tuple[float, float]:
     """True over stated ratio of the exposures of a picture, and its sigma; NaN if it does not show."""
-    long, seen, dark = LONG[shot.purpose], images.radiometer.seen, images.dark()
-    if float((images.counts(shot, 1 - long)[seen] == 0).mean()) > CLIPPED:
-        return np.nan, np.nan  # noise that is cut off at 0 counts as light
+    long, usable, dark = LONG[shot.purpose], images.radiometer.seen, images.dark()
     light = [images.light(shot, i)[..., GREEN] for i in (1 - long, long)]
-    return exposure_ratio(
-        *(np.where(seen, x - d[..., GREEN], np.nan) for x, d in zip(light, dark, strict=True))
+    counts = images.counts(shot, 1 - long)
+    cut = usable & (counts == 0)
+    if cut.any():  # noise that is cut off at 0 counts as light
+        usable = usable & (light[1] > np.nanpercentile(light[1][cut], CUT_PERCENT))
+    short, longer = (
+        np.where(usable, x - d[..., GREEN], np.nan) for x, d in zip(light, dark, strict=True)
     )
+    step = 1 / (images.radiometer.camera.sensor.full_scale * shot.exposures_s[1 - long])
+    ratio, sigma = exposure_ratio(short, longer, step)
+    return ratio, float(np.hypot(sigma, ENCODED * _was_encoded(counts)))
+
+
+def _was_encoded(counts: AnyArray) -> bool:
+    """Whether linear counts were decoded from an encoded photograph, which leaves gaps between them."""
+    return bool(np.median(np.diff(np.unique(counts))) > 1)

@@ -119,6 +119,17 @@ class TestExposureRatio:
         assert 0.8 < z.std() < 1.2
         assert found[:, 1].max() < 0.02
 
+    @pytest.mark.parametrize("noise", [0.0, 0.2, 0.4, 1.0])
+    def test_rounding_is_in_the_error(self, rng: np.random.Generator, noise: float) -> None:
+        z = []
+        for _ in range(300):
+            bright, dark = rng.uniform([30, 1], [31, 3])
+            light = np.where(np.arange(200) < 100, bright, dark) * np.ones((100, 1))
+            short = np.rint(light + noise * rng.standard_normal(light.shape))
+            ratio, sigma = exposure_ratio(short, light, step=1.0)
+            z.append((ratio - 1) / sigma)
+        assert np.std(z) < 1.3 and np.abs(z).max() < 5
+
     def test_pictures_that_do_not_tell(self) -> None:
         flat = np.ones((50, 50))
         lit = np.where(np.arange(50) < 25, 9.0, 1.0) * flat

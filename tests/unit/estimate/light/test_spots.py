@@ -98,6 +98,11 @@ class TestEdgeBlend:
         (note,) = edge_blend_notes({"a": projector(lens() * ramp[::-1])})
         assert note.startswith("projector a: its pixels get darker") and "(right)" in note
 
+    def test_a_hot_spot_is_none(self) -> None:
+        y, x = np.mgrid[-1:1:100j, -1:1:160j] * np.array([100, 160])[:, None, None]
+        hot_spot = 15.0 ** -((x**2 + y**2) / (100**2 + 160**2))
+        assert edge_blend_notes({"a": projector(lens() * hot_spot)}) == []
+
     def test_the_blend_of_a_media_server_stays_on(self) -> None:
         ramp = np.clip((np.arange(160) + 0.5) / 16, 0, 1)
         assert edge_blend_notes({"a": projector(lens() * ramp, None, np.ones(1))}) == []
