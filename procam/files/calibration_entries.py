@@ -41,6 +41,8 @@ def numbers(
     unknown: bool = False,
 ) -> Array:
     """`entry[key]` as an array of that shape, None for any length; NaN only where it is `unknown`."""
+    if isinstance(entry[key], bool):
+        raise ValueError(f"{key} is {entry[key]} where a number belongs")
     found = np.array(entry[key], float)
     fits = found.ndim == len(shape) and all(
         n in (None, m) for n, m in zip(shape, found.shape, strict=True)

@@ -1,8 +1,12 @@
 """Response, colour and brightness of a projector."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from procam.arrays import Array, Array32
+from procam.arrays import Array, Array32, IndexArray
+
+PRIMARIES = ("red", "green", "blue")
+MOST_RESPONSE = 0.02  # of white, at any drive
+CERTAIN = 5.0  # sigmas
 
 
 @dataclass(frozen=True, slots=True)
@@ -16,6 +20,39 @@ class ResponseCurve:
     levels: Array
     values: Array
     sigma: Array
+
+
+@dataclass(frozen=True, slots=True)
+class Departure:
+    """A difference of a response at a `drive` [-]: `size` of light over white, standard error `sigma`.
+
+    `channel` is the index of a primary, None for the mean of all.
+    """
+
+    size: float
+    sigma: float
+    drive: float = 0.0
+    channel: int | None = None
+
+    def in_channel(self, channels: IndexArray) -> "Departure":
+        """The same where the channels that were compared are those of an array."""
+        return self if self.channel is None else replace(self, channel=int(channels[self.channel]))
+
+    @property
+    def excess(self) -> float:
+        """Size over what it must be to be named: `MOST_RESPONSE`, or five standard errors."""
+        return abs(self.size) / max(MOST_RESPONSE, CERTAIN * self.sigma)
+
+    @property
+    def place(self) -> str:
+        """Where it is, in words."""
+        light = "light" if self.channel is None else PRIMARIES[self.channel]
+        return f"its {light} at drive {255 * self.drive:.0f} of 255"
+
+    @property
+    def text(self) -> str:
+        """In words."""
+        return f"{self.place} by {self.size:+.3f} of white"
 
 
 @dataclass(frozen=True, slots=True)

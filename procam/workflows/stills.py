@@ -138,7 +138,7 @@ def write_stills(calibration: Calibration, folder: Path, size: int = SIZE) -> It
 
 def index_text(projectors: list[str]) -> str:
     """What each picture is and what to look for in it."""
-    where = f"{MASTERS}/ has them as dome masters, the front at the bottom edge"
+    where = f"{MASTERS}/ has them as dome masters of 180 degrees, the front at the bottom edge"
     if projectors:
         where += f"; {', '.join(f'{name}/' for name in projectors)} as what each projector is sent"
     lines = [

@@ -19,7 +19,7 @@ from procam.estimate.comparison.common_pixels import (
     rms_arcmin,
     smooth_field,
 )
-from procam.estimate.comparison.responses import ResponseStep, response_steps
+from procam.estimate.comparison.responses import response_departures
 from procam.estimate.comparison.verdict import (
     CLOSE,
     Verdict,
@@ -32,6 +32,7 @@ from procam.estimate.comparison.verdict import (
 from procam.maths.geometry.pose import rotation_vector
 from procam.maths.geometry.sphere import ARCMIN
 from procam.model.calibration import Calibration
+from procam.model.photometry import Departure
 from procam.model.transport import Measured
 
 SCREEN = ("radius_m", "degree")
@@ -148,7 +149,7 @@ class Comparison:
     turn_arcmin: list[float]
     screen: Mapping[str, tuple[float, float]]
     light: Mapping[str, LightStep]
-    responses: Mapping[str, ResponseStep]
+    responses: Mapping[str, Departure]
     verdict: Verdict
 
 
@@ -172,7 +173,7 @@ def compare_calibrations(first: Calibration, second: Calibration) -> Comparison:
         partners = find_exchanged(first, second)
         verdict = exchanged(partners) if partners else verdict
     bent, light = _smooth(thin, turn), _light(first, second)
-    responses = response_steps(first, second)
+    responses = response_departures(first, second)
     verdict = judge_light(verdict, {name: step.sigmas for name, step in light.items()})
     return Comparison(
         {name: _difference([pair], turn, [bent[name]]) for name, pair in pairs.items()},

@@ -23,10 +23,10 @@ from procam.estimate.comparison.common_pixels import (
     smooth_field,
     turn_between,
 )
-from procam.estimate.comparison.responses import ResponseStep
 from procam.maths.geometry.pose import rotation_vector
 from procam.maths.geometry.sphere import ARCMIN
 from procam.model.calibration import Calibration
+from procam.model.photometry import Departure
 
 Kind = Literal["agree", "turned", "light", "moved", "changed", "lens", "exchanged", "differ"]
 AGREE = 2.0  # error over sigma: a pose has six freedoms, so that one in 1000 exceeds it by chance
@@ -125,7 +125,7 @@ def judge_light(directions: Verdict, sigmas: Mapping[str, Sequence[float]]) -> V
     )
 
 
-def judge_responses(verdict: Verdict, steps: Mapping[str, ResponseStep]) -> Verdict:
+def judge_responses(verdict: Verdict, steps: Mapping[str, Departure]) -> Verdict:
     """The verdict with the projectors whose response differs, whatever else does; a cause of its own."""
     changed = {name: step for name, step in steps.items() if step.excess > 1}
     if not changed:

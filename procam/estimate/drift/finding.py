@@ -27,7 +27,6 @@ Cause = Literal[
     "camera focus",
     "banding",
 ]
-CHANNELS = ("red", "green", "blue")
 CERTAIN = 5.0  # sigmas
 MOST_MOVED_ARCMIN = 1.5  # about what is seen as double where projectors overlap
 MOST_BLUR_PX2 = 0.6
@@ -35,7 +34,6 @@ MOST_LIGHT, MOST_COLOUR = 0.02, 0.025  # relative
 SAME_LIGHT = 0.012  # log: projectors that agree
 MOST_EXPONENT = 0.03
 EXPONENT_SIGMA = 0.002  # of a camera's own curve, between two pictures
-MOST_RESPONSE = 0.02  # of white, at any drive
 MOST_BLACK, LEAST_BLACK, LEAST_RAISED = 1.2, 0.85, 0.008
 MOST_SPAN = 0.025
 SPAN_SIGMA = 0.0013

@@ -15,7 +15,6 @@ from procam.estimate.drift.dome_change import DEAD
 from procam.estimate.drift.finding import (
     AMBIENT_SIGMA,
     CERTAIN,
-    CHANNELS,
     MOST_AMBIENT,
     MOST_BLUR_PX2,
     MOST_LIGHT,
@@ -29,6 +28,7 @@ from procam.estimate.light.bands import ADVICE
 from procam.maths.geometry.sphere import angles_from_direction, master_directions
 from procam.maths.statistics import MEDIAN_SIGMA
 from procam.model.calibration import Calibration
+from procam.model.photometry import PRIMARIES
 
 AT_CENTRE_M = 1e-6  # of the dome: where a media server counts as a projector
 
@@ -72,7 +72,7 @@ def _camera(calibration: Calibration, change: VenueChange, common: float) -> Ite
     if common:
         size = float(np.expm1(common))
         each = float(np.median([np.nanmedian(p.light_sigma) for p in change.projectors.values()]))
-        sigma = each * MEDIAN_SIGMA / np.sqrt(len(CHANNELS))
+        sigma = each * MEDIAN_SIGMA / np.sqrt(len(PRIMARIES))
         yield Finding(
             "camera exposure",
             name,

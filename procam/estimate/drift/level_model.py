@@ -7,13 +7,13 @@ departure.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import least_squares
 
-from procam.arrays import Array, IndexArray
-from procam.estimate.drift.finding import CERTAIN, MOST_RESPONSE
+from procam.arrays import Array
+from procam.model.photometry import CERTAIN, Departure
 
 GAMMA = 2.2  # of the domain of interpolation
 LEAST_LEVELS = 6  # for the ends of the range to be fitted
@@ -23,28 +23,6 @@ START = np.array([0.0, 0.03, 0.95])  # inside of the limits, where the light dep
 # a range that became narrower shows as a raised black and a darker white, and hardly as another response
 LIMITS = np.array([[-3.0, 0.0, 0.6], [3.0, 0.4, 1.0]])
 FINE = 256  # drives at which the effect of the ends is read
-
-
-@dataclass(frozen=True, slots=True)
-class Departure:
-    """A difference of light at a `drive` [-]: `size` over white, and its standard error `sigma`.
-
-    `channel` is None for the mean of the channels.
-    """
-
-    size: float
-    sigma: float
-    drive: float = 0.0
-    channel: int | None = None
-
-    def in_channel(self, channels: IndexArray) -> "Departure":
-        """The same where the channels that were compared are those of an array."""
-        return self if self.channel is None else replace(self, channel=int(channels[self.channel]))
-
-    @property
-    def excess(self) -> float:
-        """Size over what it must be to be named: `MOST_RESPONSE`, or five standard errors."""
-        return abs(self.size) / max(MOST_RESPONSE, CERTAIN * self.sigma)
 
 
 NO_DEPARTURE = Departure(0.0, 0.0)

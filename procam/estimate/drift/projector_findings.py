@@ -7,7 +7,6 @@ import numpy as np
 from procam.estimate.drift.dome_change import DEAD
 from procam.estimate.drift.finding import (
     CERTAIN,
-    CHANNELS,
     MOST_BLUR_PX2,
     MOST_COLOUR,
     MOST_LIGHT,
@@ -23,6 +22,7 @@ from procam.estimate.drift.projector_change import MotionKind, ProjectorChange
 from procam.estimate.drift.response_findings import name_settings
 from procam.maths.statistics import MEDIAN_SIGMA
 from procam.model.calibration import Calibration
+from procam.model.photometry import PRIMARIES
 
 MOTIONS: Mapping[MotionKind, tuple[Cause, str, str]] = {
     "moved": ("moved", "its picture moved", "recalibrate it: procam recalibrate"),
@@ -155,7 +155,7 @@ def _light(name: str, change: ProjectorChange, common: float) -> Iterator[Findin
             float("nan"),
             float("nan"),
             "-",
-            f"it shows no {CHANNELS[channel]}",
+            f"it shows no {PRIMARIES[channel]}",
             "check its cable and colour settings; else it needs repair",
         )
     if not alive.any():
@@ -185,7 +185,7 @@ def _light(name: str, change: ProjectorChange, common: float) -> Iterator[Findin
                 own_size,
                 spread,
                 "rel",
-                f"its {CHANNELS[channel]} is {abs(own_size):.1%} {'brighter' if own_size > 0 else 'darker'} "
+                f"its {PRIMARIES[channel]} is {abs(own_size):.1%} {'brighter' if own_size > 0 else 'darker'} "
                 "beside its other colours",
                 "recalibrate it",
             )

@@ -11,11 +11,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from procam.arrays import Array, BoolArray, FloatArray, Image, IndexArray
-from procam.estimate.drift.level_model import EXPONENT, NO_DEPARTURE, Departure, LevelModel
+from procam.estimate.drift.level_model import EXPONENT, NO_DEPARTURE, LevelModel
 from procam.estimate.light.projector_response import tile_levels
 from procam.estimate.structured_light.patterns import LEVELS
 from procam.maths.statistics import MEDIAN_SIGMA
-from procam.model.photometry import Photometry
+from procam.model.photometry import Departure, Photometry
 from procam.model.transport import Measured
 
 LEAST_POINTS = 20  # of a level

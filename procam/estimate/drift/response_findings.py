@@ -6,7 +6,6 @@ import numpy as np
 
 from procam.estimate.drift.finding import (
     CERTAIN,
-    CHANNELS,
     EXPONENT_SIGMA,
     LEAST_BLACK,
     LEAST_RAISED,
@@ -19,6 +18,7 @@ from procam.estimate.drift.finding import (
 )
 from procam.estimate.drift.projector_change import ProjectorChange
 from procam.estimate.drift.response_change import ResponseChange
+from procam.model.photometry import PRIMARIES
 
 GAMMA_ADVICE = "set its gamma or picture mode as it was, or recalibrate it"
 
@@ -79,15 +79,14 @@ def _response(name: str, response: ResponseChange, raised: float) -> Iterator[Fi
         yield _signal_range(name, response)
     elif response.rest.excess > 1 and not exponents:
         rest = response.rest
-        what = "light" if rest.channel is None else CHANNELS[rest.channel]
         yield Finding(
             "gamma setting",
             name,
             rest.size,
             rest.sigma,
             "rel",
-            f"its {what} at drive {255 * rest.drive:.0f} of 255 changed by {rest.size:+.3f} of white, and "
-            "no change of its gamma or its signal range explains it",
+            f"{rest.place} changed by {rest.size:+.3f} of white, and no change of its gamma or its signal "
+            "range explains it",
             GAMMA_ADVICE,
         )
 
@@ -113,7 +112,7 @@ def _exponents(name: str, response: ResponseChange, raised: float) -> Iterator[F
     of_all = (response.exponent, response.exponent_sigma, "gamma")
     of_each = [
         (float(each), float(sigma), f"gamma of {channel}")
-        for each, sigma, channel in zip(response.each, response.each_sigma, CHANNELS, strict=True)
+        for each, sigma, channel in zip(response.each, response.each_sigma, PRIMARIES, strict=True)
     ]
     changed = [_is_other(value, sigma, raised) for value, sigma, _ in of_each]
     some = any(changed) and not all(changed)

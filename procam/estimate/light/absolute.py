@@ -19,6 +19,7 @@ from procam.estimate.light.colour_spaces import colour_difference
 from procam.estimate.light.meter_samples import METER_SIGMA, MeterSamples, probability, reduced_chi2
 from procam.estimate.light.panel_light import PanelLight
 from procam.model.calibration import Calibration
+from procam.model.photometry import PRIMARIES
 from procam.model.reading import BLACK, MeterReading, Spot, spot_name
 
 MIN_PATCHES = 3
@@ -26,7 +27,6 @@ CONTRADICTION = 1e-3  # probability of one projector's readings given the others
 LARGEST_ADDITIVITY = 0.02
 LARGEST_RESIDUAL = 2.0  # mean dE2000
 MAX_BLACK_RATIO = 1.5  # between the meter's black and the calibration's
-PRIMARIES = ("red", "green", "blue")
 
 
 @dataclass(frozen=True, slots=True)

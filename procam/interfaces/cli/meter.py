@@ -13,7 +13,6 @@ import typer
 from procam.estimate.light.absolute import (
     LARGEST_ADDITIVITY,
     LARGEST_RESIDUAL,
-    PRIMARIES,
     AbsoluteLight,
     fit_absolute,
 )
@@ -29,6 +28,7 @@ from procam.files.meter import read_meter
 from procam.interfaces.cli._options import CalibrationArgument, Json
 from procam.interfaces.cli._output import Output, as_dicts, exit_if_missed
 from procam.interfaces.cli._paths import check_out
+from procam.model.photometry import PRIMARIES
 from procam.model.quality import Figure, Goal
 
 EXAMPLE = "procam meter my-dome/calibrations/0001 readings.csv --out colour.json"

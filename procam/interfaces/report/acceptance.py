@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from procam.arrays import Array
-from procam.interfaces.report.blocks import COLOURS
 from procam.interfaces.report.data import Material
 from procam.interfaces.report.words import quantity_text
 from procam.model.acceptance import Finding, Verdict, findings
+from procam.model.photometry import PRIMARIES
 
 DIGITS = 4  # so that both ends of a narrow interval differ
 OF_DIFFERENCE = 2  # whose interval has 0 in it, if all is well
@@ -82,7 +82,7 @@ def value_texts(finding: Finding) -> Iterator[str]:
         return
     interval = finding.interval()
     for i, value in enumerate(finding.value):
-        channel = f"{COLOURS[i]} " if len(finding.value) == len(COLOURS) else ""
+        channel = f"{PRIMARIES[i]} " if len(finding.value) == len(PRIMARIES) else ""
         yield f"{channel}{_quantity(finding, float(value))}{_range(finding, interval, i)}"
 
 

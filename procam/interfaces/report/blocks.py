@@ -10,8 +10,6 @@ from procam.arrays import FloatArray
 from procam.interfaces.plots.charts import Scale
 from procam.interfaces.report.data import Material
 
-COLOURS = ("red", "green", "blue")
-
 
 @dataclass(frozen=True, slots=True)
 class DomePicture:

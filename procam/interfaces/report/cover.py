@@ -11,11 +11,11 @@ import numpy as np
 from procam.files.venue.load import Venue
 from procam.files.venue.server_checks import DOME_MASTER
 from procam.files.venue.tables import CameraTable, ProjectorTable
-from procam.interfaces.report.blocks import COLOURS
 from procam.interfaces.report.data import Material
 from procam.interfaces.report.words import percent
 from procam.maths.geometry.sphere import cap_solid_angle
 from procam.model.calibration import Calibration
+from procam.model.photometry import PRIMARIES
 
 WHITE_SHARES = (0.1, 0.25, 0.5, 0.75)
 ORIGINS = {"input_sha256": "Fingerprint of the captures (SHA-256)", "versions": "Software"}
@@ -135,4 +135,4 @@ def contrast(calibration: Calibration | None) -> dict[str, Any] | None:
         (percent(p), f"{(1 - albedo * share * (1 - p)) / (albedo * share * p):.0f} : 1")
         for p in WHITE_SHARES
     ]
-    return {"albedo": f"{albedo:.2f}", "share": f"{share:.2f}", "rows": rows, "colours": COLOURS}
+    return {"albedo": f"{albedo:.2f}", "share": f"{share:.2f}", "rows": rows, "colours": PRIMARIES}

@@ -10,7 +10,6 @@ from procam.interfaces.plots import charts as plots
 from procam.interfaces.plots.charts import Scale
 from procam.interfaces.plots.figure import css_colour
 from procam.interfaces.report.blocks import (
-    COLOURS,
     Block,
     Charts,
     DomePicture,
@@ -29,6 +28,7 @@ from procam.interfaces.report.data import SHOWN, WHOLE, Material, on_master, res
 from procam.interfaces.report.words import number, percent
 from procam.maths.geometry.sphere import master_solid_angles
 from procam.model.calibration import Calibration
+from procam.model.photometry import PRIMARIES
 from procam.model.quality import Figure
 from procam.model.transport import Measured
 
@@ -161,7 +161,7 @@ def levels(material: Material) -> Iterator[Block]:
     rows = [
         [f"{title}, {c}", *_spread(level[inside][:, i], as_percent)]
         for title, level, as_percent in (("White", hi, False), ("Black", lo, True))
-        for i, c in enumerate(COLOURS)
+        for i, c in enumerate(PRIMARIES)
     ]
     head = ["Level", "1 in 1000 is below", "Median", "1 in 1000 is above"]
     yield Table(head, rows, "White in units of the reference white, black in per cent of it.")
@@ -205,7 +205,7 @@ def _measured(material: Material, calibration: Calibration) -> Table:
         ("Albedo", calibration.albedo, truth.albedo if truth else None),
     ):
         low, high = measured.interval()
-        for i, c in enumerate(COLOURS):
+        for i, c in enumerate(PRIMARIES):
             row = [f"{title}, {c}", f"{measured.value[i]:.4f}", f"{low[i]:.4f} to {high[i]:.4f}"]
             rows.append([*row, f"{true[i]:.4f}"] if true is not None else row)
     head = ["Quantity", "Measured", "95 % interval", *(["True (simulator)"] if truth else [])]
@@ -224,7 +224,7 @@ def _states(calibration: Calibration) -> Table:
             ambient = " / ".join(percent(v, 2) for v in mean)
         rows.append([name, *_intervals(state.feedback), ambient])
     return Table(
-        ["Venue state", *(f"Feedback m, {c}" for c in COLOURS), "The room's own light"],
+        ["Venue state", *(f"Feedback m, {c}" for c in PRIMARIES), "The room's own light"],
         rows,
         "An audience changes how much light bounces: in brackets the 95 % interval. The room's own "
         "light, exit signs and the like, is the mean over the lit dome, of white, red / green / blue.",

@@ -8,17 +8,18 @@ from procam.files.history.differences import (
     calibration_before,
     figure_differences,
 )
-from procam.interfaces.report.blocks import COLOURS, Block, Table, Text, calibrating, not_there
+from procam.interfaces.report.blocks import Block, Table, Text, calibrating, not_there
 from procam.interfaces.report.data import Material
 from procam.interfaces.report.words import number, words_for
 from procam.model.acceptance import CRITERIA
+from procam.model.photometry import PRIMARIES
 
 LIGHT = {
     "feedback": "Feedback m",
     "albedo": "Albedo",
     "white_in_camera": "White, as the camera sees it",
 }
-CHANNELS = dict(zip("RGB", COLOURS, strict=True))
+CHANNELS = dict(zip("RGB", PRIMARIES, strict=True))
 
 
 def drift(material: Material) -> Iterator[Block]:

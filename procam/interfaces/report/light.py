@@ -9,7 +9,6 @@ from procam.arrays import Array, FloatArray
 from procam.interfaces.plots import charts as plots
 from procam.interfaces.plots.figure import LIMITS, css_colour
 from procam.interfaces.report.blocks import (
-    COLOURS,
     Block,
     Charts,
     DomePicture,
@@ -33,6 +32,7 @@ from procam.maths.geometry.sphere import (
     master_directions,
     master_solid_angles,
 )
+from procam.model.photometry import PRIMARIES
 
 BAND_DEG = 3.0
 SOURCES = {
@@ -239,7 +239,7 @@ def clipped(material: Material) -> Iterator[Block]:
     yield _limits(limits.codes, " or protected by hand" if masked else "")
     rows = [
         [c.capitalize(), *(percent(float(share[i])) for share in (1 - low - high, low, high))]
-        for i, c in enumerate(COLOURS)
+        for i, c in enumerate(PRIMARIES)
     ]
     head = ["Channel", "Exact", "Held at black", "Held at full light"]
     left_out = ", without what is protected by hand" if masked else ""
@@ -252,7 +252,7 @@ def _limits(codes: NDArray[np.integer], also: str) -> Domes:
     left_out = LIMIT_WORDS[-1] + also
     domes = [
         DomePicture(c.capitalize(), plots.paint_categories(codes[..., i], LIMITS))
-        for i, c in enumerate(COLOURS)
+        for i, c in enumerate(PRIMARIES)
     ]
     return Domes(
         [Group(domes, None, list(zip(colours, (*LIMIT_WORDS[:-1], left_out), strict=True)))],

@@ -8,11 +8,12 @@ from shlex import quote
 from procam.estimate.comparison.compare import Comparison, Difference, LightStep
 from procam.estimate.comparison.verdict import AGREE
 from procam.files.seats import ELSEWHERE
-from procam.interfaces.report.blocks import COLOURS, Block, Table, Text, calibrating, not_there
+from procam.interfaces.report.blocks import Block, Table, Text, calibrating, not_there
 from procam.interfaces.report.cover import date_text
 from procam.interfaces.report.data import Material, written_at
 from procam.interfaces.report.words import number, percent
 from procam.model.acceptance import HALF_WIDTH
+from procam.model.photometry import PRIMARIES
 from procam.workflows.other_seat import SeatCheck
 
 LIGHT = {"feedback": "Feedback m", "albedo": "Albedo"}
@@ -141,7 +142,7 @@ def _light(check: SeatCheck, found: Comparison, here: str) -> Table:
         [
             [f"{LIGHT[name]}, {colour}", *_steps(step, i)]
             for name, step in found.light.items()
-            for i, colour in enumerate(COLOURS)
+            for i, colour in enumerate(PRIMARIES)
         ],
         "Both calibrations take from venue.toml the survey of the marks, the floor, and what is known of the "
         "cameras (lens, vignetting, glare). Errors of these show only as far as they act differently from "

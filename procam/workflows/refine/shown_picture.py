@@ -21,9 +21,8 @@ from procam.estimate.closed_loop.patches import (
 )
 from procam.maths.geometry.sphere import angles_from_direction
 from procam.model.calibration import Calibration
+from procam.model.photometry import PRIMARIES
 from procam.workflows.refine.camera import LoopCamera
-
-CHANNEL_NAMES = ("red", "green", "blue")
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,7 +166,7 @@ class Trial:
         where = loop.direction.reshape(flat)[found.place].mean(axis=0)
         azimuth, elevation = np.degrees(angles_from_direction(where))
         return (
-            f"{CHANNEL_NAMES[found.channel]} light at azimuth {azimuth:.0f}, elevation "
+            f"{PRIMARIES[found.channel]} light at azimuth {azimuth:.0f}, elevation "
             f"{elevation:.0f} degrees of the {self.name} was off by {found.before:.2g} JND before the "
             f"loop and is by {found.after:.2g} after it"
         )

@@ -231,6 +231,7 @@ class TestDamage:
             ("screen.radius_m", 1e300, "radius_m is 1e+300 where"),
             ("screen.floor_albedo", 1.2, "floor_albedo is 1.2 where 0 to 1 belong"),
             ("screen.tilt", "x", "damaged calibration"),
+            ("canvas.fov", True, "fov is True where a number belongs"),
             ("cameras.0.lens.kind", "fish", "damaged calibration"),
             ("cameras.0.lens.focal", [0, 100], "focal is 0 where"),
             ("cameras.0.size", [], "size has 0 numbers where 2 belong"),

@@ -316,7 +316,7 @@ class TestNumbers:
         found = compare_calibrations(calibration, other)
         assert (found.verdict.kind, found.verdict.sound) == ("light", False)
         (name,) = found.verdict.projectors
-        assert f"projector {name}: its response by +0.1" in found.verdict.text
+        assert f"projector {name}: its light at drive" in found.verdict.text
         assert "Directions: the directions are the same" in found.verdict.text
         assert found.responses[name].size == pytest.approx(0.165, abs=0.02)
 

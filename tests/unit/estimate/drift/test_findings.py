@@ -11,10 +11,10 @@ from procam.estimate.drift.changes import VenueChange
 from procam.estimate.drift.displacement import Motion, unmoved
 from procam.estimate.drift.dome_change import DomeChange
 from procam.estimate.drift.findings import name_causes
-from procam.estimate.drift.level_model import Departure
 from procam.estimate.drift.projector_change import ProjectorChange
 from procam.estimate.drift.response_change import ResponseChange
 from procam.model.calibration import Calibration
+from procam.model.photometry import Departure
 from procam.model.transport import Measured
 
 SHAPE = 30, 48
