@@ -26,19 +26,18 @@ from procam.workflows.venue_rig import rig_owner
 from simulators.backend import build_scene
 from simulators.scene import DomeScene, SceneSize
 from simulators.template import SIZES, server_text, venue_text
-from studies.measure import rms, write
+from studies.measure import rms, side_by_side, write
 from studies.seen import Seen, front, grey, seen
 
 EVERY = 5  # pixels of a panel, along rows and columns
 SIZE_DEG = 0.5
-CAMERA = (1600, 1600)
+CAMERA = (1200, 1200)
 # venue, its devices, the projector that is nudged
 VENUES = (
     ("small", SIZES["small"], "south"),
     ("standard", SceneSize(2, (1280, 800), 1, CAMERA, rays=512), "south"),
     ("two cameras", SceneSize(2, (1280, 800), 2, CAMERA, rays=512), "north"),
     ("six projectors", SceneSize(6, (960, 600), 1, CAMERA, rays=512), "south"),
-    ("six projectors", SceneSize(6, (960, 600), 1, CAMERA, rays=512), "fore"),
 )
 SERVERS = ((180, 0), (220, 0), (180, 90), (220, -50))  # field of view and rotation [deg]
 SERVER_SIZE, MASTER = SceneSize(2, (1280, 800), 1, CAMERA, rays=512), 1024
@@ -46,20 +45,16 @@ SERVER_SIZE, MASTER = SceneSize(2, (1280, 800), 1, CAMERA, rays=512), 1024
 
 def main() -> None:
     """Nudge projectors, one at a time, calibrate behind servers, and write the results."""
-    with tempfile.TemporaryDirectory() as folder:
-        rows = list(_nudged_rows(Path(folder)))
-        served = [
-            _served_row(Path(folder) / f"server-{fov}-{turn}", fov, turn) for fov, turn in SERVERS
-        ]
+    rows, served = side_by_side(_nudged_row, VENUES), side_by_side(_served_row, SERVERS)
     write("recalibration", {"rows": rows, "servers": served}, _tables(rows, served))
 
 
-def _nudged_rows(folder: Path) -> Iterator[dict[str, Any]]:
-    for i, (venue, size, name) in enumerate(VENUES):
-        calibrated = folder / f"{venue}-calibrated"
-        if not calibrated.exists():
-            _calibrate(calibrated, venue_text("standard", size))
-        yield {"venue": venue} | _row(calibrated, folder / str(i), name)
+def _nudged_row(case: tuple[str, SceneSize, str]) -> dict[str, Any]:
+    venue, size, name = case
+    with tempfile.TemporaryDirectory() as folder:
+        calibrated = Path(folder) / "calibrated"
+        _calibrate(calibrated, venue_text("standard", size))
+        return {"venue": venue} | _row(calibrated, Path(folder), name)
 
 
 def _calibrate(folder: Path, text: str) -> Path:
@@ -102,12 +97,14 @@ def _row(calibrated: Path, folder: Path, name: str) -> dict[str, Any]:
     }
 
 
-def _served_row(folder: Path, fov_deg: float, rotation_deg: float) -> dict[str, Any]:
+def _served_row(canvas: tuple[int, int]) -> dict[str, Any]:
+    fov_deg, rotation_deg = canvas
     text = server_text(SERVER_SIZE, MASTER).replace("fov_deg = 180.0", f"fov_deg = {fov_deg}")
     text = text.replace("rotation_deg = 0.0", f"rotation_deg = {rotation_deg}")
     text += f"server_fov_deg = {fov_deg}\nserver_rotation_deg = {rotation_deg}\n"
-    calibration = _calibrate(folder, text)
-    shown = seen(folder, calibration, front(load_calibration(calibration).canvas))
+    with tempfile.TemporaryDirectory() as folder:
+        calibration = _calibrate(Path(folder), text)
+        shown = seen(Path(folder), calibration, front(load_calibration(calibration).canvas))
     return {"fov_deg": fov_deg, "rotation_deg": rotation_deg, **_figures(shown, "server")}
 
 
