@@ -34,7 +34,7 @@ from procam.model.calibration import Calibration
 from procam.model.transport import Measured
 from procam.workflows.capture.capture import capture, prepare_session
 from procam.workflows.photographs.driven import DrivenPhotographer
-from procam.workflows.recalibrate import recalibrate
+from procam.workflows.recalibrate.recalibrate import recalibrate
 from procam.workflows.solve.calibrate import solve
 from procam.workflows.venue_rig import open_rig
 from procam.workflows.verify.verify import SETTLE_S, Verified, verify

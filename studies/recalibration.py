@@ -20,7 +20,7 @@ from procam.files.session import Session
 from procam.files.venue.load import load_venue
 from procam.interfaces.judge import direction_errors
 from procam.workflows.capture.newest import capture_newest
-from procam.workflows.recalibrate import recalibrate
+from procam.workflows.recalibrate.recalibrate import recalibrate
 from procam.workflows.solve.calibrate import solve
 from procam.workflows.venue_rig import rig_owner
 from simulators.backend import build_scene

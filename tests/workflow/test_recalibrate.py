@@ -30,7 +30,7 @@ from procam.files.venue.load import load_venue
 from procam.files.versions import calibration_in_use
 from procam.interfaces.judge import direction_errors
 from procam.model.frame import Frame
-from procam.workflows import recalibrate as module
+from procam.workflows.recalibrate import recalibrate, worse
 from simulators.backend import build_scene
 from simulators.mistakes import AlteringCamera, _with_person
 from studies.seen import Seen, front, grey, seen
@@ -146,8 +146,8 @@ def test_one_that_fits_worse_is_written_and_not_used(
     venue: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     drift(venue, NUDGE)
-    monkeypatch.setattr(module, "WORSE", 1e-6)
-    monkeypatch.setattr(module, "LEAST_RESIDUAL_PX", 1e-9)
+    monkeypatch.setattr(worse, "WORSE", 1e-6)
+    monkeypatch.setattr(worse, "LEAST_RESIDUAL_PX", 1e-9)
     ran = procam("recalibrate", venue)
     assert ran.code == 1
     assert "note: south fits by " in ran.out and "stays in use" in ran.out
@@ -172,7 +172,7 @@ def test_what_the_solve_knows_is_said_and_keeps_it_out_of_use(
     assert ran.code == 1
     notes = json.loads(ran.out)["notes"]
     assert any("someone or something moved before the screen" in note for note in notes)
-    assert notes[-1] == module.STAYS
+    assert notes[-1] == recalibrate.STAYS
     assert calibration_in_use(venue).name == "0001"
     old, new = (load_calibration(venue / "calibrations" / n) for n in ("0001", "0002"))
     assert set(new.provenance["notes"]) - set(old.provenance["notes"]) <= set(notes)

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from procam.workflows.recalibrate import _new_notes
+from procam.workflows.recalibrate.worse import new_notes
 
 WALKED = "projector {}: someone moved before the screen; gains are off by {}% in {} photographs"
 BRIGHTER = "projector south: its stripes are {} brighter beside their edges, +-{:.1g} px"
@@ -13,7 +13,7 @@ BRIGHTER = "projector south: its stripes are {} brighter beside their edges, +-{
 
 def new(note: str, *before: str) -> bool:
     old: Any = SimpleNamespace(provenance={"notes": before})
-    return _new_notes(old, [note]) == [note]
+    return new_notes(old, [note]) == [note]
 
 
 @pytest.mark.parametrize("names", [("p1", "p2"), ("1", "2"), ("hall-1", "hall-2")])

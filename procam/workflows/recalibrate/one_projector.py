@@ -1,0 +1,91 @@
+"""One projector solved anew from a session, in a rig of which all else stays."""
+
+import re
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from procam.estimate.calibration import ProjectorMeasurement, direct_black
+from procam.estimate.camera.radiance import Radiometer
+from procam.estimate.geometry.known_rig import solve_projectors
+from procam.estimate.geometry.model import RigGeometry
+from procam.estimate.geometry.screen_points import round_shape
+from procam.estimate.geometry.solve import GeometrySolution
+from procam.estimate.recalibration import with_projector
+from procam.files.session import Session
+from procam.files.venue.load import Venue
+from procam.files.venue.masks import nudges, projector_masks
+from procam.model.calibration import Calibration
+from procam.workflows.capture.session_images import SessionImages
+from procam.workflows.solve.calibrate import decode_projector, screen_view
+from procam.workflows.solve.direct_light import Decoded
+from procam.workflows.solve.geometry import rig_problem
+from procam.workflows.solve.light import measure_light
+from procam.workflows.solve.long_exposure import with_long_exposure
+from procam.workflows.solve.plausible import check_on_screen
+from procam.workflows.solve.provenance import provenance
+
+
+@dataclass(frozen=True, slots=True)
+class Repaired:
+    """A calibration with one projector solved anew; the rms residual of its geometry; notes of its solve."""
+
+    calibration: Calibration
+    residual_px: float
+    notes: list[str]
+
+
+def solve_again(
+    venue: Venue, source: Session, session: Session, old: Calibration, name: str
+) -> Repaired:
+    """Solve one projector from a session; `source` is the session of the calibration."""
+    measured, geometry, notes = _measured(venue, session, old, name)
+    before, *_ = _measured(venue, source, old, name)
+    about = re.compile(rf"projector {re.escape(name)}(?![\w-])")
+    kept = [note for note in old.provenance.get("notes", ()) if not about.search(str(note))]
+    origin: dict[str, Any] = {
+        **provenance(venue, session),
+        "notes": [*kept, *notes],
+        "recalibrated": [*old.provenance.get("recalibrated", []), name],
+    }
+    black = direct_black(before)
+    new = with_projector(old, name, geometry, measured, black, nudges(venue), origin)
+    residual = geometry.residual_px[geometry.main, name]
+    return Repaired(new, float(np.sqrt(np.mean(residual**2))), notes)
+
+
+def _measured(
+    venue: Venue, session: Session, calibration: Calibration, name: str
+) -> tuple[ProjectorMeasurement, GeometrySolution, list[str]]:
+    """A projector's light in a session, the rig in which it was solved there, and notes.
+
+    By the camera that the calibration's light was measured with, where it stands.
+    """
+    radiometer = Radiometer(calibration.camera)
+    images, notes = with_long_exposure(SessionImages(session, session.read_plan(), radiometer))
+    found, geometry, decoded = _placed(venue, images, calibration, name)
+    view = screen_view(venue, calibration.screen, images, geometry)
+    main = {(geometry.main, name): found}
+    notes += [*decoded, *check_on_screen(view, main)]
+    masks = projector_masks(venue)
+    measured = measure_light(calibration.screen, images, view, geometry, main, masks, name)
+    return measured, geometry, [*notes, *measured.notes]
+
+
+def _placed(
+    venue: Venue, images: SessionImages, calibration: Calibration, name: str
+) -> tuple[Decoded, GeometrySolution, list[str]]:
+    """What the main camera sees of a projector, the rig with that projector solved, and notes."""
+    seen, gathered, notes = {}, {}, list[str]()
+    for camera in calibration.cameras.values():
+        own = SessionImages(images.session, images.plan, Radiometer(camera))
+        seen[camera.name], gathered[camera.name, name], lines = decode_projector(venue, own, name)
+        notes += lines
+    known = RigGeometry(
+        round_shape(calibration.screen),
+        calibration.cameras,
+        {n: p.model for n, p in calibration.projectors.items()},
+    )
+    problem, main = rig_problem(venue, gathered, ()), calibration.main_camera
+    return seen[main], solve_projectors(problem, known, [name], main=main), notes
