@@ -77,10 +77,19 @@ class Rig:
                 _tell_lit(lit)
 
     def _return_lamps(self) -> None:
-        """Switch off the lamps that were off before."""
+        """Switch off the lamps that were off before; those that stay on are reported together."""
+        on = dict[str, Exception]()
         for name in self.borrowed:
-            if self.controls[name].state().power is Power.ON:
-                self.controls[name].set_power(False)
+            try:
+                if self.controls[name].state().power is Power.ON:
+                    self.controls[name].set_power(False)
+            except Exception as error:  # the others must go off all the same
+                on[name] = error
+        if on:
+            named = ", ".join(f"{name} ({error})" for name, error in on.items())
+            raise DeviceError(
+                f"lamps that were off before may still be on: {named}; switch them off by hand"
+            ) from next(iter(on.values()))
 
     def _release(self) -> None:
         """Close all connections, leaving the projectors as they are."""
@@ -106,9 +115,11 @@ class Rig:
 
     def darken(self, name: str) -> None:
         """Show black, and close the shutter where there is one that works."""
-        self._show_black(name)
-        if name in self.controls:
-            shut(self.controls[name], self.clock)
+        try:
+            self._show_black(name)
+        finally:  # a picture that cannot be shown is the more reason to close the shutter
+            if name in self.controls:
+                shut(self.controls[name], self.clock)
 
     def darken_all(self) -> dict[str, Exception]:
         """Make all projectors dark; what failed, by the projectors that may still be lit."""

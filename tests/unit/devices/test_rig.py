@@ -137,6 +137,28 @@ class TestWayOut:
             rig.controls["b"].set_power = refuse  # type: ignore[method-assign]
         assert log[-1] == "closer" and rig.dark
 
+    def test_one_lamp_that_stays_on_does_not_keep_others_on(self) -> None:
+        log: list[str] = []
+        broken = Control(log, "a")
+        rig = _rig(log, {"a": broken, "b": Control(log, "b")})
+        message = r"were off before may still be on: a \(nobody home\); switch them off by hand"
+        with pytest.raises(DeviceError, match=message), rig:
+            rig.borrowed = ["a", "b"]
+            rig.darken_all()
+            rig.darken_all = dict  # type: ignore[method-assign]  # all is dark
+            broken.broken = True
+        assert "b power False" in log and log[-1] == "closer" and rig.dark
+
+    def test_a_shutter_is_closed_though_black_cannot_be_shown(self) -> None:
+        log: list[str] = []
+
+        def refuse(_: np.ndarray) -> Shown:
+            raise DeviceError("output is gone")
+
+        with pytest.raises(DeviceError, match="a \\(output is gone\\)"), _rig(log) as rig:
+            rig.projectors["a"].show = refuse  # type: ignore[method-assign]
+        assert "a shutter True" in log and "b shutter True" in log
+
     def test_a_lamp_that_warms_up_is_waited_for(self) -> None:
         log: list[str] = []
         control = Control(log, "a", Power.WARMING)
