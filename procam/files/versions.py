@@ -67,10 +67,17 @@ def calibrated_session(venue_dir: Path) -> str:
     """The session that the calibration in use was solved from; "" where there is no calibration."""
     if not list_calibrations(venue_dir):
         return ""
-    return _session_of(calibration_in_use(venue_dir), venue_dir)
+    return session_of(calibration_in_use(venue_dir), venue_dir)
 
 
-def _session_of(directory: Path, venue_dir: Path) -> str:
+def session_of(directory: Path, venue_dir: Path) -> str:
+    """The session that a calibration of a venue was solved from.
+
+    Raises
+    ------
+    FileFormatError
+        Its calibration.json is damaged.
+    """
     path = directory / "calibration.json"
     try:
         return str(json.loads(path.read_bytes())["provenance"].get("session", ""))
@@ -95,7 +102,7 @@ def solved_sessions(venue_dir: Path) -> set[str]:
     names = set[str]()
     for path in list_calibrations(venue_dir):
         with suppress(FileFormatError):  # which whoever loads it refuses
-            names.add(_session_of(path, venue_dir))
+            names.add(session_of(path, venue_dir))
     return names
 
 

@@ -6,7 +6,7 @@ from procam.errors import InputError
 from procam.files.history.record import recorded
 from procam.files.session import Session
 from procam.files.venue.load import Venue
-from procam.files.versions import calibrated_session, solved_sessions
+from procam.files.versions import calibrated_session, list_calibrations, session_of
 
 INDEX = "index.jsonl"  # stays, with the hashes of the frames
 
@@ -21,6 +21,8 @@ def prune_captures(venue: Venue) -> dict[str, int]:
     ------
     InputError
         venue.toml does not say how many to keep.
+    FileFormatError
+        A calibration.json is damaged, which hides the session that could be solved again.
     """
     keep = venue.table.history.keep_sessions
     if keep is None:
@@ -30,7 +32,8 @@ def prune_captures(venue: Venue) -> dict[str, int]:
         )
     with recorded(venue.directory, "history") as run:
         known = sorted((venue.directory / "sessions").glob("[0-9][0-9][0-9][0-9]"))
-        failed = {path for path in known if _of_failed_recalibration(venue, path)}
+        solved = {session_of(path, venue.directory) for path in list_calibrations(venue.directory)}
+        failed = {p for p in known if Session(p).is_of_recalibration and p.name not in solved}
         counted = [path for path in known if path not in failed]
         needed = calibrated_session(venue.directory)
         old = [path for path in known if path not in counted[-keep:] and path.name != needed]
@@ -38,11 +41,6 @@ def prune_captures(venue: Venue) -> dict[str, int]:
         freed = {name: size for name, size in freed.items() if size}
         run.message = f"captures of {len(freed)} sessions deleted"
         return freed
-
-
-def _of_failed_recalibration(venue: Venue, path: Path) -> bool:
-    """Whether a session was started to recalibrate projectors, and no calibration came of it."""
-    return Session(path).is_of_recalibration and path.name not in solved_sessions(venue.directory)
 
 
 def _without_frames(session: Path) -> int:

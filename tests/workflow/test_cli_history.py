@@ -119,6 +119,21 @@ class TestPrune:
         frames = {n: len([*(sessions / n).rglob("*.tif")]) for n in ("0001", "0002", "0003")}
         assert frames["0003"] == 0 and frames["0001"] == frames["0002"] > 0
 
+    def test_a_damaged_calibration_keeps_its_session(self, venue: Path) -> None:
+        sessions = venue / "sessions"
+        Session(sessions / "0001").without(sessions / "0002", ["south"])
+        shutil.copytree(sessions / "0001", sessions / "0003")
+        damaged = venue / "calibrations" / "0003" / "calibration.json"
+        damaged.parent.mkdir()
+        damaged.write_text('{"provenance": {"session": "00')
+        (venue / "calibrations" / "in-use").write_text("0002\n")
+        with (venue / "venue.toml").open("a") as file:
+            file.write("\n[history]\nkeep_sessions = 3\n")
+        before = len([*sessions.rglob("*.tif")])
+        ran = procam("history", venue, "--prune")
+        assert ran.code == 2 and f"{damaged} is damaged" in ran.complaint
+        assert len([*sessions.rglob("*.tif")]) == before
+
     def test_what_was_deleted_is_said_where_it_is_needed(self, venue: Path) -> None:
         session = venue / "sessions" / "0001"
         for frame in session.rglob("*.tif"):
