@@ -59,7 +59,7 @@ def _nudged_row(case: tuple[str, SceneSize, str]) -> dict[str, Any]:
 
 def _calibrate(folder: Path, text: str) -> Path:
     """Write venue.toml and calibrate; returns the calibration's folder."""
-    folder.mkdir(parents=True)
+    folder.mkdir(exist_ok=True)
     (folder / "venue.toml").write_text(text, "utf-8")
     return _calibrate_again(folder)
 

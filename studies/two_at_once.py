@@ -36,7 +36,7 @@ COMMANDS: Mapping[str, tuple[str, ...]] = {
     "doctor": ("VENUE",),
     "projector": ("VENUE", "south", "state"),
     "patterns": ("VENUE", "--out", "OUT"),
-    "use": ("VENUE", "1"),
+    "history": ("VENUE", "--restore", "1"),
     "report": ("VENUE",),
     "compensate": ("VENUE", "VENUE/sky.png", "OUT.exr"),
     "warp": ("VENUE", "VENUE/sky.png", "OUT"),

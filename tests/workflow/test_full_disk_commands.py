@@ -1,7 +1,10 @@
 """Commands on a full disk: one line, exit 2, nothing lost, and the next run is whole."""
 
+import errno
 import re
 import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -10,6 +13,7 @@ from small_files import files_up_to
 from tiny_venue import quick_simulator
 
 from procam.estimate import calibration
+from procam.files.history import record
 
 ROOM = {
     **{"init": 2000, "capture": 5000, "calibrate": 20000, "patterns": 2000, "movie": 200000},
@@ -47,3 +51,24 @@ def test_a_full_disk(
         )
         assert str(folder) in stopped.err and ".tmp" not in stopped.err
         run_again(command, folder, whole)
+
+
+def test_a_history_that_cannot_end_leaves_no_pictures_behind(
+    work: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They would keep the second run from their folder."""
+    command, folder = COMMANDS["patterns"], tmp_path / "here"
+    whole = in_full(command, work, folder)
+    shutil.copytree(work, folder)
+
+    @contextmanager
+    def no_room() -> Iterator[None]:
+        def full(*_: object) -> None:
+            raise OSError(errno.ENOSPC, "No space left on device", str(folder / "history.sqlite"))
+
+        with monkeypatch.context() as patched:
+            patched.setattr(record, "_end", full)
+            yield
+
+    assert run_short(command, folder, whole, no_room).code == 2
+    run_again(command, folder, whole)

@@ -28,8 +28,14 @@ def original_figures(venue_dir: Path, session: str) -> str | None:
     found = [d for d in _documents(venue_dir) if _source(d, "session") == session]
     if not found:
         return None
-    same = (d for d in found if _source(d, "input_sha256") == _source(found[-1], "input_sha256"))
+    newest = _input(found[-1])
+    same = (document for document in found if _input(document) == newest)
     return json.dumps(_shared(next(same)), indent=1) + "\n"
+
+
+def _input(document: dict[str, Any]) -> str | None:
+    """The hash of what a calibration was solved from, if it is one."""
+    return _text(SHA256, _source(document, "input_sha256"))
 
 
 def _shared(document: dict[str, Any]) -> dict[str, Any]:
@@ -42,7 +48,7 @@ def _shared(document: dict[str, Any]) -> dict[str, Any]:
     }
     versions = _table(_table(document, "provenance"), "versions")
     source = {
-        "input_sha256": _text(SHA256, _source(document, "input_sha256")),
+        "input_sha256": _input(document),
         "python": _text(VERSION, _source(document, "python")),
         "versions": {name: _text(VERSION, versions.get(name)) for name in PACKAGES},
     }

@@ -14,6 +14,7 @@ from procam.files.csv_text import csv_text
 from procam.files.history.record import recorded
 from procam.files.images.pixels import read_image
 from procam.files.images.slideshow import write_movie
+from procam.files.lock import locked
 from procam.files.session import Session
 from procam.files.system import open_here
 from procam.files.venue.load import Venue
@@ -34,13 +35,15 @@ def write_by_hand(venue: Venue, out: Path, movie: bool) -> Session:
     `out` gets the plan, the pictures, the order and playlists, and with `movie` a movie of each. It
     and the session appear when they are complete.
     """
-    with recorded(venue.directory, "patterns"):
-        folder = _next_folder(venue)
-        # the session appears first: pictures without one could not be ingested
-        with atomic.replacing_directory(out) as pictures, atomic.replacing_directory(folder) as new:
-            session = Session(new)
-            _write_session(venue, session)
-            _export(session, pictures, movie)
+    # the session and the history are written first: pictures without them could not be ingested, and
+    # would keep a second run from their folder
+    with locked(venue.directory, "patterns"), atomic.replacing_directory(out) as pictures:
+        with recorded(venue.directory, "patterns"):
+            folder = _next_folder(venue)
+            with atomic.replacing_directory(folder) as new:
+                session = Session(new)
+                _write_session(venue, session)
+                _export(session, pictures, movie)
     return Session(folder)
 
 

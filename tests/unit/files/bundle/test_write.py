@@ -124,6 +124,17 @@ def test_figures_of_the_calibration_of_the_session_get_in(
     assert b"annika" not in text
 
 
+def test_a_hash_that_equals_nothing(venue: Venue, session: Session, tmp_path: Path) -> None:
+    folder = venue.directory / "calibrations" / "0001"
+    folder.mkdir(parents=True)
+    (folder / "calibration.json").write_text(
+        '{"provenance": {"session": "0001", "input_sha256": NaN}}'
+    )
+    write_bundle(venue, session, tmp_path / "out.zip")
+    found = json.loads(contents(tmp_path / "out.zip")["original/calibration.json"])
+    assert found["provenance"]["input_sha256"] is None
+
+
 @pytest.mark.parametrize(
     ("entry", "where"),
     [
