@@ -83,7 +83,17 @@ def find_changes(
             calibration, panel, before, now, found[panel.name], shares[panel.name]
         )
     change = _with_room(calibration, before, now, camera, changes, lights)
-    return change if camera.moved else replace(change, bands=find_banding(before, now))
+    if camera.moved:
+        return change
+    still = [n for n, each in changes.items() if _is_still(each)]
+    return replace(change, bands=find_banding(before, now, still))
+
+
+def _is_still(change: ProjectorChange) -> bool:
+    """Whether a picture stands where it stood, as sharp as it was."""
+    return bool(
+        change.moved_px < STEADY_PX * change.step and change.blur_px2 < SHARP_PX2 * change.step**2
+    )
 
 
 def _with_room(
@@ -104,7 +114,7 @@ def _with_room(
         scatter = _without_dead(scatter, np.all([shining[n] for n in alive], axis=0))
     ratio = Measured(np.ones(3), np.zeros(3)) if scatter is None else scatter
     usable = {n: light.without_scatter(ratio.value) for n, light in usable.items()}
-    sharp = [n for n in steady if changes[n].blur_px2 < SHARP_PX2 * changes[n].step ** 2]
+    sharp = [n for n in steady if _is_still(changes[n])]
     dome = find_dome_change({n: usable[n] for n in sharp}, float(np.abs(ratio.value - 1).max()))
     for name, light in usable.items():
         level, sigma = light.level(dome.log_albedo(light.direction))

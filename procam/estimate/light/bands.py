@@ -32,12 +32,14 @@ class Bands:
     """Bands of rows (`across` 0) or columns (1) of a camera's picture.
 
     `count`: over the picture. `amplitude`: of the light, relative. `profile`: (H, 1) or (1, W) logarithm.
+    `share`: of the variance of rows or columns that they explain.
     """
 
     across: int
     count: float
     amplitude: float
     profile: Array
+    share: float
 
     @property
     def text(self) -> str:
@@ -81,7 +83,8 @@ def _best_wave(departure: Image, use: BoolArray, across: int) -> Bands | None:
     best = int(np.argmax([rms for rms, _ in explained]))
     rms, wave = explained[best]
     profile = np.expand_dims(_wave(place, numbers[best]) @ wave, 1 - across)
-    return Bands(across, float(numbers[best]), float(np.sqrt(2) * rms), profile)
+    share = float(rms**2 / max(np.mean(middle**2), np.finfo(float).tiny))
+    return Bands(across, float(numbers[best]), float(np.sqrt(2) * rms), profile, share)
 
 
 def _line_means(departure: Image, along: int) -> Array:

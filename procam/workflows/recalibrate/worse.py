@@ -1,5 +1,6 @@
 """What is worse after a repair than before: notes, the fit, and how much a projector lights."""
 
+import math
 import re
 from collections.abc import Sequence
 
@@ -8,15 +9,16 @@ from procam.workflows.recalibrate.one_projector import Repaired
 
 WORSE, LEAST_RESIDUAL_PX = 3.0, 0.05
 MOST_LOST = 0.1  # of the lit share of a panel: a projector that is nudged by degrees keeps more
-# a number of a note, and not of a device's name
+# a number of a note with its sign and unit, and not of a device's name
 _NUMBER = re.compile(
-    r"(?<![\w.-])(?<!projector )(?<!camera )[+-]?(\d+(?:\.\d+)?)(?:e[+-]?\d+)?(%?)"
+    r"(?<![\w.-])(?<!projector )(?<!camera )([+-]?\d+(?:\.\d+)?(?:e[+-]?\d+)?)(%| times)?"
 )
-MUCH_MORE, LEAST_MORE = 2.0, 1.0  # times a percentage of before, and percent beyond that
+MUCH_MORE = 2.0  # times the number of before, and by unit how much beyond that
+LEAST_MORE = {"%": 1.0, " times": 0.1, "": 0.1}
 
 
 def new_notes(old: Calibration, notes: Sequence[str]) -> list[str]:
-    """Notes of new photographs that the calibration did not have, or with much smaller percentages.
+    """Notes of new photographs that the calibration did not have, or with much smaller numbers.
 
     Each says that a figure is wrong or may be, and the calibration that is to be repaired is not.
     """
@@ -25,15 +27,25 @@ def new_notes(old: Calibration, notes: Sequence[str]) -> list[str]:
 
 
 def _is_known(note: str, before: str) -> bool:
-    """Whether a note says what one before said, of the same device and of no much larger share."""
+    """Whether a note says what one before said, of the same device and of numbers no much larger."""
     if _NUMBER.sub("", note) != _NUMBER.sub("", before):
         return False
     both = zip(_NUMBER.findall(note), _NUMBER.findall(before), strict=True)
     return all(
-        float(now) <= MUCH_MORE * float(then) + LEAST_MORE
-        for (now, percent), (then, _) in both
-        if percent
+        unit == unit_before and _is_no_larger(_size(now, unit), _size(then, unit), LEAST_MORE[unit])
+        for (now, unit), (then, unit_before) in both
     )
+
+
+def _size(number: str, unit: str) -> float:
+    """How far a number is from saying nothing: 0, or for a factor 1."""
+    value = float(number)
+    return math.log(value) if unit == " times" and value > 0 else value
+
+
+def _is_no_larger(now: float, then: float, least: float) -> bool:
+    along = now * math.copysign(1, then)
+    return -least <= along <= MUCH_MORE * abs(then) + least
 
 
 def worse_notes(old: Calibration, repaired: Repaired, name: str) -> list[str]:

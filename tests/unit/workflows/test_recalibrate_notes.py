@@ -32,3 +32,24 @@ def test_a_note_with_a_much_larger_share_is_new() -> None:
 def test_digits_that_differ_are_not_new() -> None:
     assert not new(BRIGHTER.format("3%", 1e-5), BRIGHTER.format("2.5%", 0.3))
     assert new("camera zenith: another sentence", BRIGHTER.format("3%", 1))
+
+
+@pytest.mark.parametrize(
+    ("note", "known", "larger"),
+    [
+        ("the camera moved by {} px", "0.06", "9.87"),
+        ("projector 1: its black is {} times as bright as it was", "1.2", "30"),
+        ("projector 1: its black is {} times as bright as it was", "0.9", "0.03"),
+        ("projector 1: its black is {} times as bright as it was", "1.3", "0.7"),
+        ("camera a: rows are off by {}", "+3%", "-3%"),
+        ("projector 1: {} photographs differ", "2", "40"),
+        ("projector 1: one pixel is off by {} arcmin", "1.5e-2", "1.5e2"),
+    ],
+)
+def test_a_note_with_a_larger_number_of_any_unit_is_new(note: str, known: str, larger: str) -> None:
+    assert new(note.format(larger), note.format(known))
+    assert not new(note.format(known), note.format(known))
+
+
+def test_a_number_of_another_unit_is_another_note() -> None:
+    assert new("light rose by 3 times", "light rose by 3% times")

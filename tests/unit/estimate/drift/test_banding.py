@@ -29,17 +29,21 @@ def photographs(calibration: Calibration, **factors: np.ndarray | float) -> Venu
     return VenuePhotographs(view, none, shown)
 
 
+SOUTH, NORTH = (np.hypot((ROWS - row) / 0.3, (COLUMNS - 0.5) / 0.5) for row in (0.7, 0.3))
+
+
 @pytest.mark.parametrize(("across", "place"), [(0, ROWS), (1, COLUMNS)])
+@pytest.mark.parametrize("pulsing", [["south", "north"], ["south"]])
 def test_bands_have_their_size_and_number(
-    across: int, place: np.ndarray, calibration: Calibration
+    across: int, place: np.ndarray, pulsing: list[str], calibration: Calibration
 ) -> None:
-    bands = 1 + 0.03 * np.sin(2 * np.pi * 5 * place)
-    found = find_banding(
-        photographs(calibration), photographs(calibration, south=bands, north=bands)
-    )
+    bands = 1 + 0.03 * np.sin(2 * np.pi * 6 * place)
+    now = photographs(calibration, **dict.fromkeys(pulsing, bands))
+    found = find_banding(photographs(calibration), now, pulsing)
     assert found is not None and found.across == across
-    assert found.amplitude == pytest.approx(0.03, rel=0.1) and found.count == pytest.approx(5)
-    assert f"{found.amplitude:.1%}, about 5 bands" in found.text
+    assert found.amplitude == pytest.approx(0.03, rel=0.15)
+    assert found.count == pytest.approx(6, abs=0.5)
+    assert f"{found.amplitude:.1%}, about {found.count:.0f} bands" in found.text
 
 
 @pytest.mark.parametrize(
@@ -49,10 +53,23 @@ def test_bands_have_their_size_and_number(
         {"south": 0.8},  # a lamp that aged, though its picture ends along a row
         {"south": 0.8, "north": 1.2},
         {"south": 1 - 0.1 * ROWS, "north": 1 - 0.1 * ROWS},  # dust
+        {"south": 1 + 0.3 * (ROWS - 0.7), "north": 1 - 0.3 * (ROWS - 0.3)},  # lamps turned in them
+        {"south": 1 - 0.1 * SOUTH**2, "north": 1 - 0.1 * NORTH**2},  # hot spots
+        {"south": 1 - 0.15 * np.exp(-(SOUTH**2) / 0.2)},  # dirt on a lens
+        {"south": 1 - 0.1 * (np.abs(ROWS - 0.75) < 0.03)},  # a stripe of dirt
         {"south": 1 - 0.3 * (np.hypot(ROWS - 0.7, COLUMNS - 0.5) < 0.1)},  # a stain
     ],
 )
 def test_other_changes_are_no_bands(
     change: dict[str, np.ndarray | float], calibration: Calibration
 ) -> None:
-    assert find_banding(photographs(calibration), photographs(calibration, **change)) is None
+    assert (
+        find_banding(photographs(calibration), photographs(calibration, **change), HALVES) is None
+    )
+
+
+def test_pictures_that_moved_and_dark_ones_show_no_bands(calibration: Calibration) -> None:
+    bands = 1 + 0.03 * np.sin(2 * np.pi * 6 * ROWS)
+    before, now = photographs(calibration), photographs(calibration, south=bands)
+    assert find_banding(before, now, []) is None
+    assert find_banding(photographs(calibration, south=0.0), now, ["south"]) is None
