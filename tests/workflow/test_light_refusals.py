@@ -122,6 +122,26 @@ def test_a_long_exposure_that_is_shorter_is_measured(
     assert found.maps.lo[lit].mean() == pytest.approx(sound.maps.lo[lit].mean(), rel=0.02)
 
 
+def test_counts_with_gaps_are_not_taken_for_those_of_a_jpeg(
+    captured: Captured, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As a camera writes whose bits are the upper ones of its files'."""
+    steady, counts = Radiometer.radiance, SessionImages.counts
+
+    def shorter(self: Radiometer, frame: Frame) -> np.ndarray:
+        light = steady(self, frame)
+        return light * np.float32(0.95) if frame.settings.exposure_s > 1 else light
+
+    def upper(self: SessionImages, shot: Shot, exposure: int = 0) -> np.ndarray:
+        seen = counts(self, shot, exposure)
+        return 2 * (seen // 2) if shot.purpose == "dim" else seen
+
+    monkeypatch.setattr(Radiometer, "radiance", shorter)
+    monkeypatch.setattr(SessionImages, "counts", upper)
+    (note,) = load_calibration(solved(captured)).provenance["notes"]
+    assert re.search(r"photographs of 6\.5 s were exposed 0\.9[45]", note), note
+
+
 def test_a_photograph_of_the_code_that_was_exposed_longer(
     captured: Captured, monkeypatch: pytest.MonkeyPatch
 ) -> None:

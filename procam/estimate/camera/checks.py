@@ -1,5 +1,6 @@
 """Checks, from a few photographs, of what the solvers assume about a camera and a projector."""
 
+import cv2
 import numpy as np
 
 from procam.arrays import AnyArray, Array, BoolArray, FloatArray, IndexArray
@@ -10,6 +11,7 @@ PLATEAU_CLEAR = 3
 LEVEL_SHARES = 1e-3, 3e-3  # of full scale: widths of a level, in which pixels saturate
 DIM_BRIGHT, DIM_DARK = 0.5, 0.25  # of the bright level: pixels to compare exposures by
 DIM_PIXELS, DIM_SIGMAS = 100, 20.0  # of them; of noise, by which the shorter photograph shows them
+AROUND, NEAR = 7, 3  # pixels
 BRIGHT_SHARE = 0.2  # of full scale: a darker top is no end of a camera's range
 
 
@@ -40,7 +42,7 @@ def exposure_ratio(short: FloatArray, long: FloatArray, step: float = 0.0) -> tu
 
     `short` and `long` (H, W) are the radiances of the photographs by their stated exposures, NaN where
     unusable; `step` is that of one count of the shorter. Means of bright and of dark pixels are compared,
-    chosen in the longer photograph, which has less noise: so black levels that differ and noise do not
+    chosen by what the longer photograph shows around them: so black levels that differ and noise do not
     matter.
 
     Returns
@@ -51,8 +53,9 @@ def exposure_ratio(short: FloatArray, long: FloatArray, step: float = 0.0) -> tu
     usable = np.isfinite(short) & np.isfinite(long)
     if not usable.any():
         return np.nan, np.nan
-    level = float(np.percentile(long[usable], 99))
-    bright, dark = usable & (long > DIM_BRIGHT * level), usable & (long < DIM_DARK * level)
+    around = _around(long, usable)
+    level = float(np.percentile(around[usable], 99))
+    bright, dark = usable & (around > DIM_BRIGHT * level), usable & (around < DIM_DARK * level)
     if min(bright.sum(), dark.sum()) < DIM_PIXELS:
         return np.nan, np.nan
     rise = [float(x[bright].mean(dtype=float) - x[dark].mean(dtype=float)) for x in (short, long)]
@@ -67,6 +70,19 @@ def exposure_ratio(short: FloatArray, long: FloatArray, step: float = 0.0) -> tu
     if not rise[0] > DIM_SIGMAS * sigma:
         return np.nan, np.nan
     return rise[1] / rise[0], sigma / rise[0]
+
+
+def _around(light: FloatArray, usable: BoolArray) -> Array:
+    """Means (H, W) of the usable pixels around each, whose noise is not that of the pixel; 0 of none.
+
+    The nearest count as the pixel itself: they share its noise where colours are interpolated.
+    """
+    number, total = (
+        cv2.boxFilter(x, -1, (AROUND, AROUND), normalize=False, borderType=cv2.BORDER_CONSTANT)
+        - cv2.boxFilter(x, -1, (NEAR, NEAR), normalize=False, borderType=cv2.BORDER_CONSTANT)
+        for x in (usable.astype(float), np.where(usable, light, 0.0).astype(float))
+    )
+    return np.asarray(np.divide(total, number, out=np.zeros_like(total), where=number > 0.5))
 
 
 def _rounding(noise: float, step: float) -> float:

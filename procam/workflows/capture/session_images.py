@@ -34,6 +34,11 @@ class SessionImages:
     radiometer: Radiometer
     long_exposure: float = 1.0
 
+    @property
+    def were_encoded(self) -> bool:
+        """Whether the counts were decoded from photographs of a tone curve, as JPEG has."""
+        return self.session.bits(self.radiometer.camera.name) is not None
+
     def light(self, shot: Shot, exposure: int = 0) -> Image:
         """Radiance (H, W) or (H, W, 3) of a shot at its first or another exposure."""
         light = self.radiometer.radiance(self._frame(shot, exposure))

@@ -8,11 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from procam.arrays import AnyArray
 from procam.errors import OutOfModelRange
 from procam.estimate.camera.checks import exposure_ratio
 from procam.model.plan import Shot
-from procam.workflows.capture.session_images import LONG, SessionImages
+from procam.workflows.capture.session_images import LONG, Counts, SessionImages
 
 GREEN = 1
 NOTED, CERTAIN = 0.02, 5.0  # departure from 1, and sigmas
@@ -99,11 +98,12 @@ def _ratio(images: SessionImages, shot: Shot) -> tuple[float, float]:
     short, longer = (
         np.where(usable, x - d[..., GREEN], np.nan) for x, d in zip(light, dark, strict=True)
     )
-    step = 1 / (images.radiometer.camera.sensor.full_scale * shot.exposures_s[1 - long])
+    full = images.radiometer.camera.sensor.full_scale
+    step = _step(counts) / (full * shot.exposures_s[1 - long])
     ratio, sigma = exposure_ratio(short, longer, step)
-    return ratio, float(np.hypot(sigma, ENCODED * _was_encoded(counts)))
+    return ratio, float(np.hypot(sigma, ENCODED * images.were_encoded))
 
 
-def _was_encoded(counts: AnyArray) -> bool:
-    """Whether linear counts were decoded from an encoded photograph, which leaves gaps between them."""
-    return bool(np.median(np.diff(np.unique(counts))) > 1)
+def _step(counts: Counts) -> int:
+    """What all counts are multiples of: 16 of a camera that writes 12 bits as the upper ones of 16."""
+    return max(1, int(np.gcd.reduce(np.unique(counts))))

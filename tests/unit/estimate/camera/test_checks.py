@@ -119,6 +119,15 @@ class TestExposureRatio:
         assert 0.8 < z.std() < 1.2
         assert found[:, 1].max() < 0.02
 
+    def test_noise_of_the_longer_photograph_is_not_chosen(self, rng: np.random.Generator) -> None:
+        light = np.where(np.arange(80) < 40, 20.0, 2.0) * np.ones((60, 1))
+        z = []
+        for _ in range(200):
+            short, long = (light + rng.normal(0, noise, light.shape) for noise in (20, 8))
+            ratio, sigma = exposure_ratio(short, long)
+            z.append((ratio - 1) / sigma)
+        assert abs(np.mean(z)) < 4 / np.sqrt(len(z)) and 0.8 < np.std(z) < 1.2
+
     @pytest.mark.parametrize("noise", [0.0, 0.2, 0.4, 1.0])
     def test_rounding_is_in_the_error(self, rng: np.random.Generator, noise: float) -> None:
         z = []
