@@ -15,7 +15,7 @@ import os
 import shutil
 import threading
 from collections.abc import Collection
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -154,20 +154,23 @@ class Session:
     def without(self, directory: Path, projectors: Collection[str]) -> "Session":
         """The same session in another folder, without photographs of some projectors; the rest are links.
 
+        The room may be another by the time these are photographed again, so each has a dark of its own.
+
         Raises
         ------
         InputError
             The folder exists.
         """
-        plan = self.read_plan()
+        plan = _with_own_dark(self.read_plan(), projectors)
         left_out = {shot.id for shot in plan.shots if shot.projector in projectors}
         with atomic.replacing_directory(directory) as folder:
             copy = Session(folder)
             (folder / OTHERS_FROM).write_text(f"{self.directory.name}\n", encoding="utf-8")
             for path in sorted(self.directory.rglob("*")):
                 where = path.relative_to(self.directory)
-                if path.is_file() and where.parts[0] in ("patterns", "venue.toml", "plan.json"):
+                if path.is_file() and where.parts[0] in ("patterns", "venue.toml"):
                     _link(path, folder / where)
+            copy.write_plan(plan, {})
             for camera in sorted(p.name for p in (self.directory / "captures").glob("*")):
                 for entry in self.stored(camera).values():
                     if entry.shot not in left_out:
@@ -211,6 +214,18 @@ class Session:
         if camera not in self._indexes or self._indexes[camera].state != state:
             self._indexes[camera] = _Index(_read_index(path), state)
         return self._indexes[camera]
+
+
+def _with_own_dark(plan: Plan, projectors: Collection[str]) -> Plan:
+    """The plan with a dark before the first picture of each of some projectors."""
+    (shared,) = plan.of("", "dark")
+    shots, lacking = list[Shot](), {n for n in projectors if not plan.of(n, "dark")}
+    for shot in plan.shots:
+        if shot.projector in lacking:
+            lacking.remove(shot.projector)
+            shots.append(replace(shared, id=f"{shot.projector}-dark", projector=shot.projector))
+        shots.append(shot)
+    return Plan(tuple(shots))
 
 
 def _link(source: Path, target: Path) -> None:

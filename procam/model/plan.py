@@ -27,8 +27,9 @@ class Shot:
     Attributes
     ----------
     id : unique name, such as "south-0007".
-    projector : the one that shows it; empty for the dark shot, with all shuttered.
-    pattern : path of the picture inside the session; empty for the dark shot.
+    projector : the one that shows it; empty for the dark shot, with all shuttered. A projector that is
+        photographed again has a dark shot of its own, of that time.
+    pattern : path of the picture inside the session; empty for dark shots.
     purpose : its use. exposures_s : shutter times of its photographs [s].
     detail : describes the pattern. For codes: the code's name and the number of the plane; for
         stripes: axis ("x"/"y"), bit (0 = finest), inverse (0/1); for zones: their number; for

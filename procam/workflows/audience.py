@@ -186,7 +186,7 @@ class _Camera:
         ]
 
     def _stored_zones(self, images: SessionImages, projector: str) -> Iterator[ZoneObservation]:
-        dark, dark_long = images.dark()
+        dark, dark_long = images.dark(projector)
         base = images.light(images.only(projector, "black")) - dark_long + dark
         for shot in images.plan.of(projector, "zone"):
             picture = images.session.pattern(shot)[..., :1]

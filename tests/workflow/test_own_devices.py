@@ -13,6 +13,7 @@ import pytest
 from tiny_venue import (
     CAMERA,
     TINY_PAIR,
+    drift,
     make_venue,
     procam,
     quick_simulator,
@@ -116,11 +117,23 @@ def test_black_of_a_rig_without_shutters_is_noted_and_within_its_error(
         ran = procam("verify", folder)
         assert (ran.code, "all is well" in ran.out) == (0, True), ran
         advised = procam("doctor", folder, "--json").out
+        for each in (venue.directory, folder):
+            drift(each, '{ kind = "raised-black", projector = "south", size = 0.045 }')
+            ran = procam("recalibrate", each, "--projector", "south")
+            assert ran.code == 0, ran
+        repaired = [
+            load_calibration(each / "calibrations" / "0002") for each in (venue.directory, folder)
+        ]
     lit = measured.maps.coverage > 0.99
     figure = estimated.quality["black_level"]
     true = measured.maps.lo[lit].mean(axis=0)
     assert np.all(np.abs(np.array(figure.value) - true) < 2 * np.array(figure.sigma))
     assert np.all(np.array(figure.sigma) < 0.5 * true)
+    rise = [
+        new.maps.lo[lit].mean(axis=0) - old.maps.lo[lit].mean(axis=0)
+        for new, old in zip(repaired, (measured, estimated), strict=True)
+    ]
+    assert np.all(rise[0] > 0.3 * true) and rise[1] == pytest.approx(rise[0], rel=0.1)
     document = json.loads(advised)
     assert (
         document["capture"]["black_exposure_s"] >= load_venue(folder).table.capture.black_exposure_s

@@ -142,6 +142,17 @@ def test_seams_sum_to_one_and_white_is_where_the_light_is(venue: Path) -> None:
     assert 0.5 < np.median(new.maps.lo[lit] / old.maps.lo[lit]) < 1.2
 
 
+def test_light_that_came_into_the_room_is_no_black_of_a_projector(venue: Path) -> None:
+    """Less than what stops a recalibration, and more than black."""
+    drift(venue, NUDGE, '{ kind = "ambient", size = 0.0008 }')
+    ran = procam("recalibrate", venue, "--projector", "south")
+    assert (ran.code, ran.err) == (0, ""), ran
+    old, new = (load_calibration(venue / "calibrations" / n) for n in ("0001", "0002"))
+    lit = (old.maps.coverage > 0.99) & (new.maps.coverage > 0.99)
+    assert new.maps.lo[lit].mean() == pytest.approx(old.maps.lo[lit].mean(), rel=0.05)
+    assert procam("verify", venue).code == 0  # the dark of each projector's own time
+
+
 def test_one_that_fits_worse_is_written_and_not_used(
     venue: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -6,9 +6,10 @@ and blur of each window as unknowns too. A projective motion of the whole panel 
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from itertools import pairwise
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import fftconvolve
@@ -20,6 +21,8 @@ from procam.maths.warp import blur
 Sampler = Callable[[Array], Image]
 Place = tuple[int, int]
 Match = Callable[[Image, Image, Place], tuple[Place, float]]
+AFFINE_POINTS = 3
+ASTRAY = 0.05  # of the panel's width: keystone leaves less beside an affine motion
 UNMOVED_MATCH = 0.97  # correlation of windows that need not be looked for elsewhere
 TERMS = 8  # of a projective motion
 BLOCKS = 8, 5  # fine windows, across and down
@@ -138,8 +141,19 @@ def find_windows(before: Image, now: Image) -> tuple[str, Windows | None]:
         if name == best and found[name][0] > SAME_PICTURE:
             break
     score, windows = found[best]
+    windows = _in_agreement(windows, before.shape[1])
     found_it = score > SAME_PICTURE and len(windows.place) > TERMS // 2
     return best, windows if found_it else None
+
+
+def _in_agreement(windows: Windows, width: int) -> Windows:
+    """Windows that one affine motion brings near where they are; others match elsewhere by chance."""
+    if len(windows.place) <= AFFINE_POINTS:
+        return windows
+    end = windows.place + windows.shift
+    _, agrees = cv2.estimateAffine2D(windows.place, end, None, cv2.RANSAC, ASTRAY * width)
+    use = np.ravel(agrees) > 0
+    return Windows(*(np.asarray(getattr(windows, f.name)[use]) for f in fields(windows)))
 
 
 def _coarse(before: Image, now: Image, match: Match) -> tuple[float, Windows]:

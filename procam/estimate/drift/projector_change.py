@@ -27,6 +27,8 @@ from procam.model.calibration import Calibration
 from procam.model.optics import ProjectorModel
 
 BLUR_SHIFT, BLUR_SIGMA = 0.01, 0.022  # errors of motion and blur by a blur [grid px per grid px^2]
+# of white, by a motion of one grid px: tiles get other parts of the scattered light
+MOVED_SIGMA = 0.003
 BLACK_SIGMA = 0.012  # relative: drift of a camera's own black level between two sessions
 LEAST_BLUR2 = 0.02  # grid px^2
 MotionKind = Literal["moved", "scaled", "stretched", "keystone"]
@@ -179,7 +181,8 @@ def _response(
             _softer(image @ matrix.T, more) for image in (pictures.levels, pictures.white)
         )
         pair.append(LevelLight.of(levels, white, np.where(grid.valid, index, -1)))
-    return compare_levels(pair[0], pair[1], raised)
+    away = motion.rms(grid_places(grid.shape)[grid.valid])[0]
+    return compare_levels(pair[0], pair[1].doubtful(MOVED_SIGMA * away), raised)
 
 
 def _softer(image: Image, blur2: float) -> Image:

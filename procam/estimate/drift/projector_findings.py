@@ -76,7 +76,8 @@ def name_projector_causes(
     if change.motion is None:
         yield _no_texture(name, change)
         return
-    yield from _motion(calibration, name, change)
+    motion = list(_motion(calibration, name, change))
+    yield from motion
     if abs(change.blur_px2 - camera_blur) > max(MOST_BLUR_PX2, CERTAIN * change.blur_sigma):
         size = change.blur_px2 - camera_blur
         yield Finding(
@@ -100,7 +101,8 @@ def name_projector_causes(
         )
     else:
         yield from _light(name, change, common)
-    yield from name_settings(name, change)
+    drawn_anew = any(finding.cause == "picture setting" for finding in motion)
+    yield from name_settings(name, change, drawn_anew=drawn_anew)
 
 
 def _no_texture(name: str, change: ProjectorChange) -> Finding:

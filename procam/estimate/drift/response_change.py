@@ -53,6 +53,10 @@ class LevelLight:
                 )
         return cls(mean, sigma)
 
+    def doubtful(self, sigma: float) -> "LevelLight":
+        """The same, with a further standard error."""
+        return replace(self, sigma=np.hypot(self.sigma, sigma))
+
     @property
     def seen(self) -> BoolArray:
         """Levels (L,) that are seen in all channels."""
@@ -70,7 +74,7 @@ class LevelLight:
     def curve(self) -> tuple[Array, Array]:
         """Response (L, 3) from 0 to 1, and its sigma."""
         span, _ = self.span
-        span = np.where(np.abs(span) > LEAST_SPAN, span, np.nan)
+        span = np.where(span > LEAST_SPAN, span, np.nan)
         return (self.mean - self.mean[0]) / span, self.sigma / span
 
 

@@ -23,8 +23,11 @@ from procam.model.photometry import PRIMARIES
 GAMMA_ADVICE = "set its gamma or picture mode as it was, or recalibrate it"
 
 
-def name_settings(name: str, change: ProjectorChange) -> Iterator[Finding]:
-    """Causes of the change of one projector's response."""
+def name_settings(name: str, change: ProjectorChange, *, drawn_anew: bool) -> Iterator[Finding]:
+    """Causes of the change of one projector's response.
+
+    Of a picture that its electronics draw anew, scaled or bent, black alone is judged: tiles are mixed there.
+    """
     response = change.response
     doubtful = CERTAIN * change.black_sigma
     dynamic = change.black < min(LEAST_BLACK, 1 - doubtful)
@@ -39,6 +42,8 @@ def name_settings(name: str, change: ProjectorChange) -> Iterator[Finding]:
             f"its black is {change.black:.1f} times as bright",
             "set brightness and signal range as they were",
         )
+    if drawn_anew:
+        return
     if response is None:
         yield not_seen(
             name, "the camera sees too few of its grey levels, so its response is not judged"

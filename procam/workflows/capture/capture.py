@@ -74,9 +74,10 @@ def capture(rig: Rig, venue: Venue, session: Session) -> Iterator[Event]:
     checks = {name: _FrameCheck(camera.sensor) for name, camera in venue.cameras.items()}
     with _Recorder(session, rig) as recorder:
         for shot in todo:
-            if shot.projector != lit:
-                _hand_over(rig, lit, shot.projector)
-                lit = shot.projector
+            shows = shot.projector if shot.pattern else ""
+            if shows != lit:
+                _hand_over(rig, lit, shows)
+                lit = shows
             _take(rig, session, recorder, shot, checks)
             done += 1
             yield Event("capture", done, len(plan.shots), f"{shot.id} {shot.purpose}")

@@ -82,13 +82,14 @@ class SessionImages:
             )
         return shots[0]
 
-    def dark(self) -> tuple[Image, Image]:
+    def dark(self, projector: str = "") -> tuple[Image, Image]:
         """Room light (H, W, 3) with everything shuttered, at the two exposures of the plan.
 
+        Of a projector that was photographed again, the dark of that time.
         Noise that is cut off at 0, as in photographs that a camera encodes, leaves a mean that is too
         high. The long exposure, of more light, then counts for both.
         """
-        shot = self.only("", "dark")
+        shot = self.only(projector if self.plan.of(projector, "dark") else "", "dark")
         short, long = self.light(shot, 0), self.light(shot, 1)
         if float(np.mean(self.counts(shot)[self.radiometer.seen] == 0)) > CUT_OFF:
             short = np.where(np.isnan(long), short, long)

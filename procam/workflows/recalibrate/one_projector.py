@@ -8,6 +8,7 @@ import numpy as np
 
 from procam.estimate.calibration import ProjectorMeasurement, direct_black
 from procam.estimate.camera.radiance import Radiometer
+from procam.estimate.geometry.camera_view import DomeView
 from procam.estimate.geometry.known_rig import solve_projectors
 from procam.estimate.geometry.model import RigGeometry
 from procam.estimate.geometry.screen_points import round_shape
@@ -25,6 +26,7 @@ from procam.workflows.solve.light import measure_light
 from procam.workflows.solve.long_exposure import with_long_exposure
 from procam.workflows.solve.plausible import check_on_screen
 from procam.workflows.solve.provenance import provenance
+from procam.workflows.solve.shared_black import never_dark, with_shared_black
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,28 +42,34 @@ def solve_again(
     venue: Venue, source: Session, session: Session, old: Calibration, name: str
 ) -> Repaired:
     """Solve one projector from a session; `source` is the session of the calibration."""
-    measured, geometry, notes = _measured(venue, session, old, name)
-    before, *_ = _measured(venue, source, old, name)
+    now, before = (_measured(venue, each, old, name) for each in (session, source))
     about = re.compile(rf"projector {re.escape(name)}(?![\w-])")
     kept = [note for note in old.provenance.get("notes", ()) if not about.search(str(note))]
     origin: dict[str, Any] = {
         **provenance(venue, session),
-        "notes": [*kept, *notes],
+        "notes": [*kept, *now.notes],
         "recalibrated": [*old.provenance.get("recalibrated", []), name],
     }
-    black = direct_black(before)
-    new = with_projector(old, name, geometry, measured, black, nudges(venue), origin)
-    residual = geometry.residual_px[geometry.main, name]
-    return Repaired(new, float(np.sqrt(np.mean(residual**2))), notes)
+    measured, measured_before = (_with_black(venue, each, old, name) for each in (now, before))
+    black = direct_black(measured_before)
+    new = with_projector(old, name, now.geometry, measured, black, nudges(venue), origin)
+    residual = now.geometry.residual_px[now.geometry.main, name]
+    return Repaired(new, float(np.sqrt(np.mean(residual**2))), now.notes)
 
 
-def _measured(
-    venue: Venue, session: Session, calibration: Calibration, name: str
-) -> tuple[ProjectorMeasurement, GeometrySolution, list[str]]:
-    """A projector's light in a session, the rig in which it was solved there, and notes.
+@dataclass(frozen=True, slots=True)
+class _Measured:
+    """A projector's light in a session, the photographs, the rig in which it was solved, and notes."""
 
-    By the camera that the calibration's light was measured with, where it stands.
-    """
+    light: ProjectorMeasurement
+    images: SessionImages
+    view: DomeView
+    geometry: GeometrySolution
+    notes: list[str]
+
+
+def _measured(venue: Venue, session: Session, calibration: Calibration, name: str) -> _Measured:
+    """A projector by the camera that the calibration's light was measured with, where it stands."""
     radiometer = Radiometer(calibration.camera)
     images, notes = with_long_exposure(SessionImages(session, session.read_plan(), radiometer))
     found, geometry, decoded = _placed(venue, images, calibration, name)
@@ -69,8 +77,21 @@ def _measured(
     main = {(geometry.main, name): found}
     notes += [*decoded, *check_on_screen(view, main)]
     masks = projector_masks(venue)
-    measured = measure_light(calibration.screen, images, view, geometry, main, masks, name)
-    return measured, geometry, [*notes, *measured.notes]
+    light = measure_light(calibration.screen, images, view, geometry, main, masks, name)
+    return _Measured(light, images, view, geometry, [*notes, *light.notes])
+
+
+def _with_black(
+    venue: Venue, measured: _Measured, calibration: Calibration, name: str
+) -> ProjectorMeasurement:
+    """A projector's light, with its part of the blacks that the dark of that session holds."""
+    names, session = never_dark(venue), measured.images.session
+    if name not in names:
+        return measured.light
+    others = {n: _measured(venue, session, calibration, n).light for n in names if n != name}
+    lights = {**others, name: measured.light}
+    black = with_shared_black(venue, measured.images, measured.view, lights, name)
+    return black.measured[name]
 
 
 def _placed(

@@ -13,9 +13,10 @@ def with_bounded_glare(
     images: SessionImages, geometry: GeometrySolution
 ) -> tuple[GeometrySolution, list[str]]:
     """The solved rig, whose main camera has no better known glare than its pictures allow; and notes."""
-    camera, seen, (dark, dark_long) = geometry.camera, images.radiometer.seen, images.dark()
+    camera, seen = geometry.camera, images.radiometer.seen
     darkest = 1.0
     for name in geometry.projectors:
+        dark, dark_long = images.dark(name)
         white, black = (images.light(images.only(name, what)) for what in ("white", "black"))
         light = white - dark - (black - dark_long)
         darkest = min(darkest, darkest_share(light[..., GREEN], seen))

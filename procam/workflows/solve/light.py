@@ -187,7 +187,7 @@ def _sharpening_notes(overshoot: float, name: str) -> list[str]:
 
 def _black(images: SessionImages, name: str) -> tuple[Image, Image]:
     """A projector's black (H, W, 3), and that with the room's light at the other shots' exposure."""
-    dark, dark_long = images.dark()
+    dark, dark_long = images.dark(name)
     black = images.light(images.only(name, "black")) - dark_long
     return black, black + dark
 

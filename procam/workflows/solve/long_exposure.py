@@ -89,7 +89,7 @@ def black_notes(images: SessionImages, name: str) -> list[str]:
 
 def _ratio(images: SessionImages, shot: Shot) -> tuple[float, float]:
     """True over stated ratio of the exposures of a picture, and its sigma; NaN if it does not show."""
-    long, usable, dark = LONG[shot.purpose], images.radiometer.seen, images.dark()
+    long, usable, dark = LONG[shot.purpose], images.radiometer.seen, images.dark(shot.projector)
     light = [images.light(shot, i)[..., GREEN] for i in (1 - long, long)]
     counts = images.counts(shot, 1 - long)
     cut = usable & (counts == 0)

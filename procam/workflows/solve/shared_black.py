@@ -62,12 +62,16 @@ def with_shared_black(
     images: SessionImages,
     view: DomeView,
     measured: Mapping[str, ProjectorMeasurement],
+    projector: str = "",
 ) -> BlackLight:
-    """Measurements whose blacks are estimated where the photographs of the dark hold them."""
+    """Measurements whose blacks are estimated where the photographs of the dark hold them.
+
+    By the dark of the session, or of when a projector was photographed again.
+    """
     names = never_dark(venue)
     if not names:
         return BlackLight(measured)
-    _, dark = images.dark()
+    _, dark = images.dark(projector)
     lights = {name: measured[name].light for name in names}
     fit = fit_shared_black(dark, lights, view.direction, view.on_screen)
     shared = {name: replace(measured[name], black=black) for name, black in fit.black.items()}

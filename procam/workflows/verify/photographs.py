@@ -73,8 +73,8 @@ def read_reference(venue: Venue, calibration: Calibration) -> Reference:
         raise FileFormatError(PRUNED.format(session=session.directory))
     _check_stored(session, plan, radiometer.camera.name)
     images, _ = with_long_exposure(SessionImages(session, plan, radiometer))
-    short, long = images.dark()
-    shown = {name: _stored(images, name, short, long) for name in names}
+    short, _ = images.dark()
+    shown = {name: _stored(images, name) for name in names}
     photographs = VenuePhotographs(_view(venue, calibration, radiometer), short, shown)
     return Reference(images, photographs, {name: _pictures(images, name) for name in names})
 
@@ -101,7 +101,8 @@ def _view(venue: Venue, calibration: Calibration, radiometer: Radiometer) -> Dom
     return view.without(camera_masks(venue)[camera.name].covered)
 
 
-def _stored(images: SessionImages, name: str, short: Image, long: Image) -> ProjectorPhotographs:
+def _stored(images: SessionImages, name: str) -> ProjectorPhotographs:
+    short, long = images.dark(name)
     black = images.light(images.only(name, "black")) - long
     white, levels = (
         images.light(images.plan.of(name, purpose)[LEVELS]) - short - black

@@ -134,6 +134,17 @@ def test_another_picture_is_not_found(rng: np.random.Generator) -> None:
     assert find_windows(before, other)[1] is None
 
 
+def test_parts_that_are_found_elsewhere_do_not_count(rng: np.random.Generator) -> None:
+    """A window whose picture left the grid is like another place by chance."""
+    before, today, motion = scene(rng, np.array([-0.1, 0, 0, 0.05, 0, 0, 0, 0]))
+    _, windows = find_windows(before, today)
+    assert windows is not None and len(windows.place) > 10
+    assert np.abs(windows.shift - motion.at(windows.place)).max() < 10
+    found, _ = follow(before, sampler(today), fit_motion(windows, SHAPE))
+    places = grid_places(SHAPE)[30:-30, 60:-30].reshape(-1, 2)
+    assert np.abs(found.at(places) - motion.at(places)).max() < 0.2
+
+
 def test_outlying_windows_count_little(rng: np.random.Generator) -> None:
     place = rng.uniform(0, 1, (40, 2)) * [199, 119]
     true = Motion(SHAPE, np.array([0.01, 0, 0, 0.02, 0, 0, 0, 0]), np.zeros((8, 8)), 0.0)

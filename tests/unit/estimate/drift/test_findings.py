@@ -86,6 +86,13 @@ def test_nothing(venue: Callable[..., set[tuple[str, str]]]) -> None:
     assert venue() == set()
 
 
+def test_levels_of_a_picture_that_is_drawn_anew_are_not_judged(
+    venue: Callable[..., set[tuple[str, str]]],
+) -> None:
+    bent = replace(moved(h=0.03), response=responding(exponent=1.3).response, black=3.0, raised=0.1)
+    assert venue(south=bent) == {("picture setting", "south"), ("black level", "south")}
+
+
 @pytest.mark.parametrize(
     ("change", "cause"),
     [

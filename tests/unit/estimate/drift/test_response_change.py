@@ -39,6 +39,20 @@ def test_the_exponent_whatever_scatters(factor: float, rng: np.random.Generator)
     assert found.exponent == pytest.approx(factor, abs=max(4 * found.exponent_sigma, 0.004))
 
 
+def test_a_doubtful_change_is_none(rng: np.random.Generator) -> None:
+    before, other = light(rng), light(rng, ends=(0.05, 1.0))
+    found = compare_levels(before, other, 0.0)
+    assert found is not None and max(found.clipping.excess, found.rest.excess) > 1
+    unsure = compare_levels(before, other.doubtful(0.03), 0.0)
+    assert unsure is not None and max(unsure.clipping.excess, unsure.rest.excess) < 1
+
+
+def test_levels_that_fall_are_no_response(rng: np.random.Generator) -> None:
+    falling = light(rng)
+    falling = LevelLight(-falling.mean, falling.sigma)
+    assert compare_levels(falling, falling, 0.0) is None
+
+
 def test_a_raised_black_is_no_exponent(rng: np.random.Generator) -> None:
     found = compare_levels(light(rng), light(rng, raised=0.06), 0.06)
     assert found is not None
