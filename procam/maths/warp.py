@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 
-from procam.arrays import BoolArray, FloatArray, Image
+from procam.arrays import Array, BoolArray, FloatArray, Image
 
 EXACT_CHANNELS = (1, 3, 4)
 
@@ -46,6 +46,15 @@ def blur_in_dark(image: FloatArray, sigma_px: float) -> Image:
     source = np.ascontiguousarray(image, np.float32)
     soft = cv2.GaussianBlur(source, (0, 0), sigma_px, borderType=cv2.BORDER_CONSTANT)
     return np.asarray(soft, np.float32).reshape(image.shape)
+
+
+def affine_inliers(start: Array, end: Array, within: float) -> BoolArray:
+    """Which points (n,) one affine motion, by RANSAC, brings from `start` (n, 2) to `within` of `end` (n, 2).
+
+    None of them if all lie on a line.
+    """
+    _, inside = cv2.estimateAffine2D(start, end, None, cv2.RANSAC, within)
+    return np.asarray(np.ravel(inside) > 0)
 
 
 def enlarged(image: FloatArray, shape: tuple[int, int]) -> Image:

@@ -1,7 +1,7 @@
 """Checks, from a few photographs, of what the solvers assume about a camera and a projector."""
 
-import cv2
 import numpy as np
+from scipy.ndimage import uniform_filter
 
 from procam.arrays import AnyArray, Array, BoolArray, FloatArray, IndexArray
 
@@ -78,8 +78,8 @@ def _around(light: FloatArray, usable: BoolArray) -> Array:
     The nearest count as the pixel itself: they share its noise where colours are interpolated.
     """
     number, total = (
-        cv2.boxFilter(x, -1, (AROUND, AROUND), normalize=False, borderType=cv2.BORDER_CONSTANT)
-        - cv2.boxFilter(x, -1, (NEAR, NEAR), normalize=False, borderType=cv2.BORDER_CONSTANT)
+        AROUND**2 * uniform_filter(x, AROUND, mode="constant")
+        - NEAR**2 * uniform_filter(x, NEAR, mode="constant")
         for x in (usable.astype(float), np.where(usable, light, 0.0).astype(float))
     )
     return np.asarray(np.divide(total, number, out=np.zeros_like(total), where=number > 0.5))

@@ -8,10 +8,10 @@ import numpy as np
 from procam.arrays import Array, FloatArray, Image, IndexArray
 from procam.estimate.camera.radiance import Radiometer
 from procam.estimate.drift.camera_motion import CameraMotion, Seen
+from procam.estimate.drift.coarse_windows import find_windows
 from procam.estimate.drift.displacement import (
     Motion,
     Windows,
-    find_windows,
     fit_motion,
     follow,
     grid_places,

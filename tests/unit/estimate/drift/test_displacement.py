@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from procam.arrays import Array, Image
+from procam.estimate.drift.coarse_windows import find_windows
 from procam.estimate.drift.displacement import (
     Motion,
     Windows,
-    find_windows,
     fit_motion,
     follow,
     grid_places,
