@@ -90,7 +90,7 @@ def _row(calibrated: Path, folder: Path, name: str) -> dict[str, Any]:
     return {
         "projector": name,
         "shots": shots,
-        "whole_shots": len(plan.shots),
+        "whole_shots": len(Session(part / "sessions" / "0001").read_plan().shots),
         "notes": events[-1].data["notes"],
         **{key: _error(scene, path) for key, path in found.items()},
         "seen": {key: _figures(seen(part, path, grey()), name) for key, path in found.items()},

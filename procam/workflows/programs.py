@@ -12,6 +12,7 @@ from procam.threads import start
 SHOWN = 200  # letters of what a program printed
 START_S = 0.5  # more, for a program whose file is on a disk that hangs
 POLL_S = 0.01
+PIPE_BYTES = 1 << 16
 
 
 def run_program(words: list[str], limit_s: float) -> tuple[int | None, str]:
@@ -41,33 +42,39 @@ def _run(words: list[str], limit_s: float) -> tuple[int | None, str]:
     )
     assert process.stdout is not None
     with process.stdout as output:
-        code = _exit_code(process, limit_s)
+        os.set_blocking(output.fileno(), False)  # a child of its own may hold the other end
+        printed, deadline_s = b"", time.monotonic() + limit_s
+        while (code := _exit_code(process)) is None and time.monotonic() < deadline_s:
+            printed = (printed + _read(output.fileno()))[:PIPE_BYTES]
+            time.sleep(POLL_S)
         if code is None:
             _kill(process)
             return None, ""
-        os.set_blocking(output.fileno(), False)  # a child of its own may hold the other end
-        return code, _shown(output.read() or b"")
+        return code, _shown(printed + _read(output.fileno()))
 
 
-def _exit_code(process: subprocess.Popen[bytes], limit_s: float) -> int | None:
-    """Wait for a program; None if it did not end in time.
+def _read(pipe: int) -> bytes:
+    """What is in a pipe, so that a program that prints a lot does not wait for its reader."""
+    with suppress(BlockingIOError):
+        return os.read(pipe, PIPE_BYTES)
+    return b""
+
+
+def _exit_code(process: subprocess.Popen[bytes]) -> int | None:
+    """Exit code of a program; None if it did not end yet.
 
     `Popen.wait` returns 0 for a program whose exit code is lost, as where SIGCHLD is ignored: a no of an
     interlock would be a yes.
     """
-    deadline_s = time.monotonic() + limit_s
-    while True:
-        try:
-            found, status = os.waitpid(process.pid, os.WNOHANG)
-        except ChildProcessError as error:
-            process.returncode = -1  # nothing is left to wait for
-            raise OSError(error.errno, "its exit code is lost") from error
-        if found:
-            process.returncode = os.waitstatus_to_exitcode(status)
-            return process.returncode
-        if time.monotonic() >= deadline_s:
-            return None
-        time.sleep(POLL_S)
+    try:
+        found, status = os.waitpid(process.pid, os.WNOHANG)
+    except ChildProcessError as error:
+        process.returncode = -1  # nothing is left to wait for
+        raise OSError(error.errno, "its exit code is lost") from error
+    if not found:
+        return None
+    process.returncode = os.waitstatus_to_exitcode(status)
+    return process.returncode
 
 
 def _kill(process: subprocess.Popen[bytes]) -> None:

@@ -111,6 +111,8 @@ def _fit_robustly(level: Array, square: Array, rounding: Array | float = ROUNDIN
     Nowhere is the variance less than that of `rounding`, one or (N,). Each round cuts the errors at
     3 sigma of the law before it. That law also corrects for the growth of the variance within a group.
     """
+    if not level.size:
+        return NoiseLaw(ROUNDING, 0.0)
     groups = _groups(level)
     levels = np.array([level[g].mean() for g in groups])
     least = np.array([np.mean(np.broadcast_to(rounding, level.shape)[g]) for g in groups])

@@ -161,7 +161,11 @@ class StabilityChecks:
         weighed = design[use] * residual[use, None]
         in_tiles = np.stack([np.bincount(tile, column) for column in weighed.T], axis=1)
         spread = np.linalg.pinv(design[use].T @ design[use])
-        return np.asarray(found), np.asarray(spread @ (in_tiles.T @ in_tiles) @ spread)
+        tiles, terms = in_tiles.shape
+        if tiles <= terms:  # the fit leaves nothing of their sums: all errors may be one
+            return np.asarray(found), np.asarray(spread * np.sum(residual[use] ** 2))
+        covariance = spread @ (in_tiles.T @ in_tiles) @ spread * tiles / (tiles - terms)
+        return np.asarray(found), np.asarray(covariance)
 
     def _changed(self, left: Image) -> float:
         """Share of the screen's blocks whose light is not white's."""

@@ -39,8 +39,9 @@ def test_a_child_that_holds_the_output_is_not_waited_for() -> None:
 
 
 def test_long_texts_are_cut() -> None:
-    _, printed = run_program(["sh", "-c", "yes | head -c 10000"], LIMIT_S)
-    assert len(printed) == SHOWN + len(" ()")
+    """And do not fill the pipe, at which a program would wait."""
+    code, printed = run_program(["sh", "-c", "yes | head -c 300000"], LIMIT_S)
+    assert code == 0 and len(printed) == SHOWN + len(" ()")
 
 
 def test_one_that_is_not_there() -> None:

@@ -51,6 +51,11 @@ def test_counts_without_noise_are_rounded() -> None:
     assert 1 / 12 <= found.variance(500.0) < 0.25
 
 
+def test_photographs_that_are_all_saturated_have_that_of_rounding() -> None:
+    white = np.full(400, 2**SENSOR.bits - 1, np.uint16)
+    assert 0 < noise_from_pairs([white] * 4, SENSOR).variance(3000.0) <= 1 / 12
+
+
 def test_a_change_of_brightness_is_no_noise(rng: np.random.Generator) -> None:
     rate = np.linspace(100, 3000, 300 * 400).reshape(300, 400)
     pair = photograph(rate, 1.0, rng), photograph(rate, 1.1, rng)
