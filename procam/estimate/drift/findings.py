@@ -37,7 +37,7 @@ def name_causes(calibration: Calibration, change: VenueChange) -> list[Finding]:
     """The causes of a change: of the camera, the room and the screen, then of each projector."""
     common = _common_light(change)
     found = [*_camera(calibration, change, common), *_room(calibration, change)]
-    blurred = _camera_blur(change)
+    blurred, _ = _camera_blur(change)
     for name, projector in change.projectors.items():
         found += name_projector_causes(calibration, name, projector, common, blurred)
     return found
@@ -83,19 +83,20 @@ def _camera(calibration: Calibration, change: VenueChange, common: float) -> Ite
             "ISO or exposure than stated, or all lamps alike",
             "check the camera's settings; if they are right, all lamps have changed alike: calibrate again",
         )
-    if blur := _camera_blur(change):
+    blur, blur_sigma = _camera_blur(change)
+    if blur:
         yield Finding(
             "camera focus",
             name,
             blur,
-            0.05 * blur,
+            blur_sigma,
             "px2",
             f"all pictures are blurred alike, by {np.sqrt(blur):.1f} projector pixels",
             "focus the camera",
         )
     if change.bands:
-        size = change.bands.amplitude
-        yield Finding("banding", name, size, 0.05 * size, "rel", change.bands.text, ADVICE)
+        bands = change.bands
+        yield Finding("banding", name, bands.amplitude, bands.sigma, "rel", bands.text, ADVICE)
 
 
 def _is_alone(calibration: Calibration, motion: CameraMotion) -> bool:
@@ -128,11 +129,17 @@ def _judged(projector: ProjectorChange) -> bool:
     return projector.motion is not None and not is_warming(projector)
 
 
-def _camera_blur(change: VenueChange) -> float:
-    """Rise of the blur that all of several projectors share [px^2]; 0 if one is as sharp as before."""
-    blurs = [p.blur_px2 for p in change.projectors.values() if p.motion is not None]
-    shared = len(blurs) > 2 and min(blurs) > MOST_BLUR_PX2
-    return float(np.median(blurs)) if shared else 0.0
+def _camera_blur(change: VenueChange) -> tuple[float, float]:
+    """Rise of the blur that all of several projectors share [px^2], and its standard error.
+
+    0 if one is as sharp as before.
+    """
+    found = [p for p in change.projectors.values() if p.motion is not None]
+    blurs = [p.blur_px2 for p in found]
+    if len(blurs) <= 2 or min(blurs) <= MOST_BLUR_PX2:
+        return 0.0, 0.0
+    each = np.hypot(np.median([p.blur_sigma for p in found]), np.std(blurs, ddof=1))
+    return float(np.median(blurs)), float(MEDIAN_SIGMA * each / np.sqrt(len(blurs)))
 
 
 def _room(calibration: Calibration, change: VenueChange) -> Iterator[Finding]:

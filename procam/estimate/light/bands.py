@@ -31,13 +31,14 @@ ADVICE = (
 class Bands:
     """Bands of rows (`across` 0) or columns (1) of a camera's picture.
 
-    `count`: over the picture. `amplitude`: of the light, relative. `profile`: (H, 1) or (1, W) logarithm.
-    `share`: of the variance of rows or columns that they explain.
+    `count`: over the picture. `amplitude`: of the light, relative, and its standard error `sigma`.
+    `profile`: (H, 1) or (1, W) logarithm. `share`: of the variance of rows or columns that they explain.
     """
 
     across: int
     count: float
     amplitude: float
+    sigma: float
     profile: Array
     share: float
 
@@ -83,8 +84,11 @@ def _best_wave(departure: Image, use: BoolArray, across: int) -> Bands | None:
     best = int(np.argmax([rms for rms, _ in explained]))
     rms, wave = explained[best]
     profile = np.expand_dims(_wave(place, numbers[best]) @ wave, 1 - across)
-    share = float(rms**2 / max(np.mean(middle**2), np.finfo(float).tiny))
-    return Bands(across, float(numbers[best]), float(np.sqrt(2) * rms), profile, share)
+    whole = float(np.mean(middle**2))
+    rest = np.sqrt(max(whole - rms**2, 0) * BAND_PX / len(lines))  # alike within the narrowest band
+    amplitude, sigma = (float(np.sqrt(2) * x) for x in (rms, rest))
+    share = float(rms**2 / max(whole, np.finfo(float).tiny))
+    return Bands(across, float(numbers[best]), amplitude, sigma, profile, share)
 
 
 def _line_means(departure: Image, along: int) -> Array:

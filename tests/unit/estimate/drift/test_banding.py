@@ -41,7 +41,7 @@ def test_bands_have_their_size_and_number(
     now = photographs(calibration, **dict.fromkeys(pulsing, bands))
     found = find_banding(photographs(calibration), now, pulsing)
     assert found is not None and found.across == across
-    assert found.amplitude == pytest.approx(0.03, rel=0.15)
+    assert found.amplitude == pytest.approx(0.03, abs=3 * found.sigma) and found.sigma < 0.004
     assert found.count == pytest.approx(6, abs=0.5)
     assert f"{found.amplitude:.1%}, about {found.count:.0f} bands" in found.text
 
