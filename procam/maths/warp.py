@@ -49,7 +49,7 @@ def blur_in_dark(image: FloatArray, sigma_px: float) -> Image:
 
 
 def affine_inliers(start: Array, end: Array, within: float) -> BoolArray:
-    """Which points (n,) one affine motion, by RANSAC, brings from `start` (n, 2) to `within` of `end` (n, 2).
+    """Which points (n,) one affine motion, by RANSAC, moves from `start` (n, 2) to `within` of `end` (n, 2).
 
     None of them if all lie on a line.
     """

@@ -18,7 +18,7 @@ UNMOVED_MATCH = 0.97  # correlation of windows that need not be looked for elsew
 COARSE_BLOCKS = 5, 4
 COARSE_SHARE = 0.3  # of the panel's sides, edge of a coarse window
 LEAST_MATCH = 0.6  # correlation of a window that counts
-SAME_PICTURE = 0.8  # median over the windows: few tiles match others by chance, to .7
+SAME_PICTURE = 0.8  # median over the windows: few tiles match others by chance, to 0.7
 PANEL_FLIPS = {
     "as it was": (1, 1),
     "mirrored": (1, -1),
@@ -45,8 +45,8 @@ def find_windows(before: Image, now: Image) -> tuple[str, Windows | None]:
 
 
 def _in_agreement(windows: Windows, width: int) -> Windows:
-    """Windows that one affine motion brings near where they are; others match elsewhere by chance."""
-    if len(windows.place) <= AFFINE_POINTS:  # any motion brings them there
+    """Windows that fit one affine motion; others match elsewhere by chance."""
+    if len(windows.place) <= AFFINE_POINTS:  # they always fit one
         return windows
     end = windows.place + windows.shift
     use = affine_inliers(windows.place, end, ASTRAY * width)
