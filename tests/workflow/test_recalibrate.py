@@ -30,6 +30,7 @@ from procam.files.venue.load import load_venue
 from procam.files.versions import calibration_in_use
 from procam.interfaces.judge import direction_errors
 from procam.model.frame import Frame
+from procam.workflows.capture.session_images import SessionImages
 from procam.workflows.recalibrate import recalibrate, worse
 from simulators.backend import build_scene
 from simulators.mistakes import AlteringCamera, _with_person
@@ -151,6 +152,23 @@ def test_light_that_came_into_the_room_is_no_black_of_a_projector(venue: Path) -
     lit = (old.maps.coverage > 0.99) & (new.maps.coverage > 0.99)
     assert new.maps.lo[lit].mean() == pytest.approx(old.maps.lo[lit].mean(), rel=0.05)
     assert procam("verify", venue).code == 0  # the dark of each projector's own time
+
+
+def test_light_in_its_dark_photograph_alone_keeps_it_out_of_use(
+    venue: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drift(venue, NUDGE)
+    dark = SessionImages.dark
+
+    def lit(self: SessionImages, projector: str = "") -> tuple[np.ndarray, np.ndarray]:
+        short, long = dark(self, projector)
+        more = 1e-3 * np.float32(bool(self.plan.of(projector, "dark")) and projector != "")
+        return short + more, long + more
+
+    monkeypatch.setattr(SessionImages, "dark", lit)
+    ran = procam("recalibrate", venue, "--projector", "south")
+    assert ran.code == 1 and "dark photograph of south" in " ".join(ran.out.split()), ran
+    assert calibration_in_use(venue).name == "0001"
 
 
 def test_one_that_fits_worse_is_written_and_not_used(

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from procam.arrays import Array
 from procam.estimate.calibration import ProjectorMeasurement, direct_black
 from procam.estimate.camera.radiance import Radiometer
 from procam.estimate.geometry.camera_view import DomeView
@@ -31,10 +32,14 @@ from procam.workflows.solve.shared_black import never_dark, with_shared_black
 
 @dataclass(frozen=True, slots=True)
 class Repaired:
-    """A calibration with one projector solved anew; the rms residual of its geometry; notes of its solve."""
+    """A calibration with one projector solved anew; the rms residual of its geometry; notes of its solve.
+
+    `room` (3,): rise of the dark since the session [rel].
+    """
 
     calibration: Calibration
     residual_px: float
+    room: Array
     notes: list[str]
 
 
@@ -54,7 +59,8 @@ def solve_again(
     black = direct_black(measured_before)
     new = with_projector(old, name, now.geometry, measured, black, nudges(venue), origin)
     residual = now.geometry.residual_px[now.geometry.main, name]
-    return Repaired(new, float(np.sqrt(np.mean(residual**2))), now.notes)
+    rms = float(np.sqrt(np.mean(residual**2)))
+    return Repaired(new, rms, _rise_of_dark(now, old, name), now.notes)
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +85,14 @@ def _measured(venue: Venue, session: Session, calibration: Calibration, name: st
     masks = projector_masks(venue)
     light = measure_light(calibration.screen, images, view, geometry, main, masks, name)
     return _Measured(light, images, view, geometry, [*notes, *light.notes])
+
+
+def _rise_of_dark(measured: _Measured, calibration: Calibration, name: str) -> Array:
+    """Light (3,) of the room when a projector was photographed again, over that of the session [rel]."""
+    (_, before), (_, own) = (measured.images.dark(each) for each in ("", name))
+    rise = (own - before)[measured.view.on_screen]
+    rise = np.nanmean(rise, axis=0, dtype=float)
+    return np.asarray(calibration.content_from_camera @ rise)
 
 
 def _with_black(

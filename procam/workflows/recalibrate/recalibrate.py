@@ -12,6 +12,7 @@ from procam.files.session import Session
 from procam.files.venue.load import Venue
 from procam.files.versions import next_directory, use_calibration
 from procam.model.calibration import Calibration
+from procam.model.transport import Measured
 from procam.workflows.capture.capture import capture
 from procam.workflows.capture.newest import next_session
 from procam.workflows.capture.session_plan import server_of
@@ -84,7 +85,8 @@ def recalibrate(
         source = Session(venue.directory / "sessions" / str(old.provenance.get("session")))
         session = source.without(next_session(venue), chosen)
         yield from capture(rig(), venue, session)
-        yield from _solved(venue, (used, old), (source, session), chosen, notes)
+        ambient = verified.change.ambient
+        yield from _solved(venue, (used, old), (source, session), chosen, ambient, notes)
 
 
 def _solved(
@@ -92,6 +94,7 @@ def _solved(
     before: tuple[Path, Calibration],
     sessions: tuple[Session, Session],
     names: Sequence[str],
+    ambient: Measured,
     notes: Sequence[str],
 ) -> Iterator[Event]:
     """Solve projectors from the new session, and write the calibration; it is used unless it is worse."""
@@ -100,7 +103,7 @@ def _solved(
     for done, name in enumerate(names, start=1):
         repaired = solve_again(venue, source, session, calibration, name)
         calibration = repaired.calibration
-        worse += [*new_notes(old, repaired.notes), *worse_notes(old, repaired, name)]
+        worse += [*new_notes(old, repaired.notes), *worse_notes(old, repaired, name, ambient)]
         text = f"{name} solved, residual {repaired.residual_px:.3f} px"
         yield Event("solve", done, total, text)
     check_finite(calibration)

@@ -4,7 +4,11 @@ import math
 import re
 from collections.abc import Sequence
 
+import numpy as np
+
 from procam.model.calibration import Calibration
+from procam.model.photometry import CERTAIN
+from procam.model.transport import Measured
 from procam.workflows.recalibrate.one_projector import Repaired
 
 WORSE, LEAST_RESIDUAL_PX = 3.0, 0.05
@@ -13,6 +17,7 @@ MOST_LOST = 0.1  # of the lit share of a panel: a projector that is nudged by de
 _NUMBER = re.compile(
     r"(?<![\w.-])(?<!projector )(?<!camera )([+-]?\d+(?:\.\d+)?(?:e[+-]?\d+)?)(%| times)?"
 )
+LEAST_ROOM = 1e-4  # of white: a twentieth of black
 MUCH_MORE = 2.0  # times the number of before, and by unit how much beyond that
 LEAST_MORE = {"%": 1.0, " times": 0.1, "": 0.1}
 
@@ -48,9 +53,19 @@ def _is_no_larger(now: float, then: float, least: float) -> bool:
     return -least <= along <= MUCH_MORE * abs(then) + least
 
 
-def worse_notes(old: Calibration, repaired: Repaired, name: str) -> list[str]:
-    """Notes if a projector fits much worse than the rig did, or covers much less than before."""
+def worse_notes(old: Calibration, repaired: Repaired, name: str, ambient: Measured) -> list[str]:
+    """Notes if a projector fits much worse than the rig did, or covers much less than before.
+
+    Also if its dark is not that of the verification just before, by which the room's light is `ambient`
+    more than in the session [rel].
+    """
     notes = list[str]()
+    rise = float(np.mean(repaired.room - ambient.value))
+    if abs(rise) > max(LEAST_ROOM, CERTAIN * float(np.mean(ambient.sigma))):
+        notes.append(
+            f"the room's own light changed by {rise:+.3%} of white between the verification and the dark "
+            f"photograph of {name}, whose black is wrong by as much. Keep lamps and doors as they are"
+        )
     before = old.quality.get("geometry_residual_rms_px")
     limit = WORSE * (float(before.value) if before and isinstance(before.value, float) else 0.0)
     if repaired.residual_px > max(limit, LEAST_RESIDUAL_PX):
