@@ -175,14 +175,15 @@ def _response(
     grid, matrix = panel.grid, calibration.content_from_camera.astype(np.float32)
     today = sample_today(panel, now, grid_places(grid.shape) + motion.at(grid_places(grid.shape)))
     index = tile_index(panel.level_picture, grid.pixel)
-    pair = []
-    for pictures, more in ((panel.before, blur2), (today, -blur2)):
-        levels, white = (
-            _softer(image @ matrix.T, more) for image in (pictures.levels, pictures.white)
-        )
-        pair.append(LevelLight.of(levels, white, np.where(grid.valid, index, -1)))
+    (levels, white), (new_levels, new_white) = (
+        [_softer(image @ matrix.T, more) for image in (pictures.levels, pictures.white)]
+        for pictures, more in ((panel.before, blur2), (today, -blur2))
+    )
+    old, new = LevelLight.pair(
+        (levels, white), (new_levels, new_white), np.where(grid.valid, index, -1)
+    )
     away = motion.rms(grid_places(grid.shape)[grid.valid])[0]
-    return compare_levels(pair[0], pair[1].doubtful(MOVED_SIGMA * away), raised)
+    return compare_levels(old, new.doubtful(MOVED_SIGMA * away), raised)
 
 
 def _softer(image: Image, blur2: float) -> Image:

@@ -37,21 +37,28 @@ class LevelLight:
     sigma: Array
 
     @classmethod
-    def of(cls, levels: Image, white: Image, level: IndexArray) -> "LevelLight":
-        """Medians of the light of level tiles (h, w, 3) over white, with `level` (h, w) of `tile_index`."""
+    def pair(
+        cls, before: tuple[Image, Image], now: tuple[Image, Image], level: IndexArray
+    ) -> "tuple[LevelLight, LevelLight]":
+        """Medians of the light of level tiles (h, w, 3) over white, before and now.
+
+        `before` and `now` are tiles and white of the same panel pixels, `level` (h, w) is their `tile_index`.
+        Pixel by pixel the change is known better than either: scattered light differs within a level.
+        """
         with np.errstate(divide="ignore", invalid="ignore"):
-            share = levels / white
-        mean, sigma = (np.full((len(LEVELS), 3), np.nan) for _ in range(2))
+            old, new = (levels / white for levels, white in (before, now))
+        both = np.isfinite(old + new).all(axis=-1)
+        mean, change, sigma = (np.full((len(LEVELS), 3), np.nan) for _ in range(3))
         for number in range(len(LEVELS)):
-            values = share[level == number]
-            values = values[np.isfinite(values).all(axis=1)]
-            if len(values) >= LEAST_POINTS:
-                mean[number] = np.median(values, axis=0)
-                spread = np.median(np.abs(values - mean[number]), axis=0) * 1.4826
-                sigma[number] = np.hypot(
-                    MEDIAN_SIGMA * spread / np.sqrt(len(values) / 4), FLOOR_SIGMA
-                )
-        return cls(mean, sigma)
+            here = both & (level == number)
+            if here.sum() >= LEAST_POINTS:
+                difference = new[here] - old[here]
+                mean[number] = np.median(old[here], axis=0)
+                change[number] = np.median(difference, axis=0)
+                spread = np.median(np.abs(difference - change[number]), axis=0) * 1.4826
+                sigma[number] = MEDIAN_SIGMA * spread / np.sqrt(here.sum() / 4)
+        exact = np.full_like(sigma, FLOOR_SIGMA)
+        return cls(mean, exact), cls(mean + change, np.hypot(sigma, FLOOR_SIGMA))
 
     def doubtful(self, sigma: float) -> "LevelLight":
         """The same, with a further standard error."""

@@ -163,9 +163,14 @@ def test_levels_of_tiles(rng: np.random.Generator) -> None:
     assert 0.05 < inside.mean() < 0.5
     assert np.array_equal(np.array(LEVELS)[index[inside]], np.rint(255 * picture[inside][:, 0]))
     white = np.full((200, 320, 3), 2.0)
-    found = LevelLight.of(white * picture + rng.normal(0, 1e-3, white.shape), white, index)
-    assert np.allclose(found.mean, DRIVES[:, None], atol=1e-3)
-    few = LevelLight.of(white * picture, white, np.where(index == 3, -1, index))
+    scattered = 1 + 0.2 * pixel[..., :1] / 320  # differs within a level
+    tiles = white * picture * scattered
+    noisy = tiles + rng.normal(0, 1e-3, white.shape)
+    before, now = LevelLight.pair((tiles, white), (0.97 * noisy, white), index)
+    assert np.allclose(before.mean, 1.1 * DRIVES[:, None], rtol=0.1, atol=1e-3)
+    assert np.allclose(now.mean, 0.97 * before.mean, atol=1e-3)
+    assert np.all(now.sigma < 1e-3)
+    few, _ = LevelLight.pair((tiles, white), (tiles, white), np.where(index == 3, -1, index))
     assert np.isnan(few.mean[3]).all() and np.isfinite(few.mean[4]).all()
 
 
