@@ -60,8 +60,12 @@ FAILED = 70  # exit code of a child that raised
 STOP_SIGNALS = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
 MOST_STOPS = 5
 STOPS = [(number, count) for count in (1, 2, MOST_STOPS) for number in STOP_SIGNALS]
-LIGHTING = "calibrate", "refine", "state", "projector"
-ARGUMENTS = {"state": ("full",), "projector": ("south", "shutter", "closed")}
+LIGHTING = "calibrate", "recalibrate", "refine", "state", "projector"
+ARGUMENTS = {
+    "recalibrate": ("--projector", "south"),
+    "state": ("full",),
+    "projector": ("south", "shutter", "closed"),
+}
 STUDY_STOPS = 200
 LEAVING_S = 0.03  # pause between signals: darkening takes a few of these
 LEFT_LIT = 71

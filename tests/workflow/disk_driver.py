@@ -38,6 +38,7 @@ COMMANDS: dict[str, Command] = {
     "capture": lambda d: ("capture", d / "fresh"),
     "solve": lambda d: ("solve", d / "venue" / "sessions" / "0001"),
     "calibrate": lambda d: ("calibrate", d / "fresh"),
+    "recalibrate": lambda d: ("recalibrate", d / "venue", "--projector", "south"),
     "refine": lambda d: ("refine", d / "venue"),
     "state": lambda d: ("state", d / "venue", "full"),
     "report": lambda d: ("report", d / "venue"),
@@ -113,13 +114,25 @@ def run_again(command: Command, folder: Path, whole: dict[str, bytes]) -> None:
     """Run a command that was stopped once more, with room: all must be there."""
     done = procam(*command(folder))
     assert done.code in OUTCOMES, done
-    left = _files(folder)
+    left = _without_partial_session(_files(folder), whole)
     # a session or a calibration that was whole when the disk got full stays beside the next one
     extra = [name for name in left if name not in whole]
     odd = [n for n in extra if "/calibrations/" not in n and "/sessions/" not in n]
     # whose report is of other photographs
     odd += [n for n in whole if left.get(n) != whole[n] and not (extra and n.endswith(".html"))]
     assert not odd, f"not as in a run with room: {sorted(odd)}"
+
+
+def _without_partial_session(left: dict[str, bytes], whole: dict[str, bytes]) -> dict[str, bytes]:
+    """The files without the session of a run that was stopped, which the next run does not resume."""
+    partial, next_one = "sessions/0002", "sessions/0003"
+    if not any(next_one in n for n in left) or all(n in left for n in whole if partial in n):
+        return left
+    kept = {n: content for n, content in left.items() if partial not in n}
+    return {
+        name.replace(next_one, partial): content.replace(b'"session": "0003"', b'"session": "0002"')
+        for name, content in kept.items()
+    }
 
 
 def _files(folder: Path) -> dict[str, bytes]:
