@@ -25,6 +25,7 @@ from procam.files.venue.load import load_venue
 from procam.maths.geometry.sphere import master_directions
 from procam.maths.warp import blur
 from procam.model.calibration import Calibration
+from procam.workflows.main_camera import MainCamera
 from procam.workflows.photographs.driven import DrivenPhotographer
 from procam.workflows.refine.camera import LoopCamera
 from procam.workflows.refine.refine import refine
@@ -91,10 +92,12 @@ def study(folder: Path, size: SceneSize, pictures: Mapping[str, Image]) -> list[
     """A row for each picture and method."""
     calibration_dir, _ = content.calibrate(folder, "standard", size)
     first, rows = load_calibration(calibration_dir), list[Row]()
-    with open_rig(load_venue(calibration_dir.parents[1])) as rig:
-        *_, last = refine(DrivenPhotographer(rig, first), first, CONTENTS[LEARNT](content.MASTER))
+    venue = load_venue(calibration_dir.parents[1])
+    with open_rig(venue) as rig:
+        learnt = CONTENTS[LEARNT](content.MASTER)
+        *_, last = refine(DrivenPhotographer(rig, first), venue, first, learnt)
         known: Calibration = last.data["refined"].calibration
-        camera = LoopCamera(DrivenPhotographer(rig, known), known)
+        camera = LoopCamera(DrivenPhotographer(rig, known), MainCamera.of(venue, known))
         camera.measure_dark()
         for name, target in pictures.items():
             for label, method in (("(P)", "exact"), ("perceptual", Perceptual(DB))):

@@ -92,9 +92,10 @@ def study(folder: Path, size: SceneSize, judged: dict[str, Callable[[int], Image
 
 
 def _refined(venue_dir: Path, calibration: Calibration, learnt: str) -> Refined:
-    with open_rig(load_venue(venue_dir)) as rig:
-        photographer = DrivenPhotographer(rig, calibration)
-        *_, last = refine(photographer, calibration, CONTENTS[learnt](content.MASTER))
+    venue = load_venue(venue_dir)
+    with open_rig(venue) as rig:
+        photographer, shown = DrivenPhotographer(rig, calibration), CONTENTS[learnt](content.MASTER)
+        *_, last = refine(photographer, venue, calibration, shown)
     found: Refined = last.data["refined"]
     return found
 

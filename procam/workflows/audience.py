@@ -10,8 +10,6 @@ import numpy as np
 
 from procam.arrays import Array, Image, Map
 from procam.errors import InputError, NotEnoughData, OutOfModelRange
-from procam.estimate.camera.radiance import Radiometer
-from procam.estimate.geometry.camera_view import DomeView
 from procam.estimate.light.audience import (
     AudienceView,
     ZoneObservation,
@@ -21,8 +19,6 @@ from procam.estimate.light.audience import (
 from procam.estimate.structured_light.codes import Picture
 from procam.files.session import Session
 from procam.files.venue.load import Venue
-from procam.files.venue.masks import MASTER_SIZE, camera_masks, screen_mask
-from procam.maths.geometry.sphere import master_pixels
 from procam.model.calibration import Calibration
 from procam.model.transport import Measured
 from procam.model.venue_state import VenueState
@@ -30,6 +26,7 @@ from procam.workflows.capture.capture import missing_shots
 from procam.workflows.capture.session_images import SessionImages
 from procam.workflows.capture.session_plan import plan_of_session
 from procam.workflows.events import Event
+from procam.workflows.main_camera import MainCamera
 from procam.workflows.photographs.driven import Photographer, Wanted
 from procam.workflows.photographs.open import check_devices
 
@@ -99,9 +96,8 @@ class _Camera:
     def __init__(self, photographer: Photographer, venue: Venue, calibration: Calibration) -> None:
         self._photographer, self._capture = photographer, venue.table.capture
         self._sessions = venue.directory / "sessions"
-        self._radiometer = Radiometer(calibration.camera)
-        self._matrix = calibration.content_from_camera.T.astype(np.float32)
-        self.audience = AudienceView(calibration, _view(venue, calibration, self._radiometer))
+        self._camera = MainCamera.of(venue, calibration)
+        self.audience = AudienceView(calibration, self._camera.view)
 
     def ambient(self) -> tuple[Map, Array]:
         """The room's own light on the dome master, and its mean (3,) over what is lit.
@@ -160,7 +156,7 @@ class _Camera:
             light = self._photograph(picture, self._capture.exposure_s, again=True) - dark
         shift = self._shift(light, expected)
         if not shift <= MOST_SHIFT_PX:
-            raise OutOfModelRange(_moved(self._radiometer.camera.name, projector, shift))
+            raise OutOfModelRange(_moved(self._camera.name, projector, shift))
         lost = self._lost(light)
         if lost > SATURATED_SHARE:
             raise OutOfModelRange(
@@ -171,7 +167,7 @@ class _Camera:
 
     def calibrated_zones(self, pictures: Mapping[str, Sequence[Picture]]) -> list[ZoneObservation]:
         """Those pictures from the session of the calibration; none if some are gone."""
-        origin, camera = self.audience.calibration.provenance, self._radiometer.camera.name
+        origin, camera = self.audience.calibration.provenance, self._camera.name
         session = Session(self._sessions / str(origin.get("session")))
         if not (session.directory / "plan.json").is_file():
             return []
@@ -180,7 +176,7 @@ class _Camera:
         others = any(len(plan.of(name, "zone")) != len(shown) for name, shown in pictures.items())
         if numbered or others or missing_shots(session, plan, [camera]):
             return []
-        images = SessionImages(session, plan, self._radiometer)
+        images = SessionImages(session, plan, self._camera.radiometer)
         return [
             observation for name in pictures for observation in self._stored_zones(images, name)
         ]
@@ -191,7 +187,7 @@ class _Camera:
         for shot in images.plan.of(projector, "zone"):
             picture = images.session.pattern(shot)[..., :1]
             for _, expected in self._seen(projector, [picture]):
-                light = (images.light(shot) - base) @ self._matrix
+                light = self._camera.content(images.light(shot) - base)
                 yield self.audience.observe(light, expected > 0)
 
     def _shift(self, light: Image, expected: Image) -> float:
@@ -202,7 +198,8 @@ class _Camera:
     ) -> Image:
         """Content light (H, W, 3), NaN where saturated."""
         take = self._photographer.retake if again else self._photographer.take
-        return self._radiometer.radiance(take(Wanted(pictures, exposure_s))) @ self._matrix
+        frame = take(Wanted(pictures, exposure_s))
+        return self._camera.content(self._camera.radiometer.radiance(frame))
 
     def _lost(self, light: Image) -> float:
         """Share of the screen that is saturated."""
@@ -221,15 +218,6 @@ def _zone_pictures(venue: Venue, calibration: Calibration) -> dict[str, list[Pic
         name: [patterns[shot.pattern] for shot in plan.of(name, "zone")]
         for name in calibration.projectors
     }
-
-
-def _view(venue: Venue, calibration: Calibration, radiometer: Radiometer) -> DomeView:
-    """What the camera sees of the screen, without what a person has masked."""
-    camera = radiometer.camera
-    seen = radiometer.seen & ~camera_masks(venue)[camera.name].covered
-    view = DomeView.of(camera, calibration.screen, radiometer.rays, seen)
-    places = master_pixels(np.nan_to_num(view.direction), MASTER_SIZE)
-    return view.without(screen_mask(venue, MASTER_SIZE).at(places))
 
 
 def check_state_name(calibration: Calibration, name: str) -> None:

@@ -78,9 +78,10 @@ def _spoilt(calibration: Calibration, gain: float, scatter: float) -> Calibratio
 
 
 def _refined(dome: Path, calibration: Calibration) -> refining.Refined:
-    with open_rig(load_venue(dome)) as rig:
+    venue = load_venue(dome)
+    with open_rig(venue) as rig:
         photographer = DrivenPhotographer(rig, calibration)
-        *_, last = refining.refine(photographer, calibration, broad())
+        *_, last = refining.refine(photographer, venue, calibration, broad())
     return last.data["refined"]
 
 

@@ -1,12 +1,15 @@
 """Raw counts to relative radiance: black level, exposure, vignetting, veiling glare."""
 
+from copy import copy
+from dataclasses import replace
+
 import numpy as np
 
 from procam.arrays import Image
 from procam.estimate.camera.near_veil import near_veil
 from procam.maths.geometry.lenses import project, unproject
 from procam.model.frame import Frame
-from procam.model.optics import CameraModel
+from procam.model.optics import CameraModel, Sensor
 
 FOLD_PX = 1e-3  # of a pixel's ray, projected again; a lens has no ray for what lies beyond its fold
 
@@ -35,6 +38,12 @@ class Radiometer:
         self._correction = np.where(self.seen, 1 / np.maximum(fall, 0.05), 0.0).astype(np.float32)
         # a matrix product is much faster than a sum over two axes
         self._mean_weight = (self.seen / self.seen.sum()).astype(np.float32).ravel()
+
+    def with_glare(self, sensor: Sensor) -> "Radiometer":
+        """The same camera, whose `sensor` differs in its glare; rays are not computed again."""
+        same = copy(self)
+        same.camera = replace(self.camera, sensor=sensor)
+        return same
 
     def radiance(self, frame: Frame) -> Image:
         """Radiance of a frame; veiling glare is estimated from the frame's mean and subtracted."""

@@ -141,7 +141,7 @@ def _run(venue: Venue, output: Output) -> tuple[int, Path, Refined]:
         first = Path(solved["calibration"])
         calibration = load_calibration(first)
         photographer = DrivenPhotographer(rig, calibration)
-        loop = refine(photographer, calibration, interior(CONTENT_SIZE))  # judged on another
+        loop = refine(photographer, venue, calibration, interior(CONTENT_SIZE))  # judged on another
         refined: Refined = output.follow(loop)["refined"]
     return session.read_plan().exposures + refined.shots, first, refined
 

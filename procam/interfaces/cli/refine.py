@@ -56,7 +56,7 @@ def refine(
             given = given_photographs(photos, replace)
             with photographer_of(loaded, calibration, "refine", of, given) as photographer:
                 output.warn(photographer.notes)
-                events = loop.refine(photographer, calibration, content)
+                events = loop.refine(photographer, loaded, calibration, content)
                 refined: loop.Refined = output.follow(events)["refined"]
         except PhotographsWanted as wanted:
             of_picture = ["--picture", str(picture)] if picture else []

@@ -20,7 +20,8 @@ from procam.files.venue.load import Venue
 from procam.files.venue.masks import nudges, projector_masks
 from procam.model.calibration import Calibration
 from procam.workflows.capture.session_images import SessionImages
-from procam.workflows.solve.calibrate import decode_projector, screen_view
+from procam.workflows.main_camera import screen_view
+from procam.workflows.solve.calibrate import decode_projector
 from procam.workflows.solve.direct_light import Decoded
 from procam.workflows.solve.geometry import rig_problem
 from procam.workflows.solve.light import measure_light
@@ -79,7 +80,7 @@ def _measured(venue: Venue, session: Session, calibration: Calibration, name: st
     radiometer = Radiometer(calibration.camera)
     images, notes = with_long_exposure(SessionImages(session, session.read_plan(), radiometer))
     found, geometry, decoded = _placed(venue, images, calibration, name)
-    view = screen_view(venue, calibration.screen, images, geometry)
+    view = screen_view(venue, calibration.screen, radiometer)
     main = {(geometry.main, name): found}
     notes += [*decoded, *check_on_screen(view, main)]
     masks = projector_masks(venue)

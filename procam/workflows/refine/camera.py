@@ -8,13 +8,11 @@ from procam.arrays import Array, Image
 from procam.errors import OutOfModelRange
 from procam.estimate.camera.exposure import green
 from procam.estimate.camera.noise import NO_NOISE, noise_from_repeat
-from procam.estimate.camera.radiance import Radiometer
 from procam.estimate.closed_loop import LoopCells
 from procam.estimate.closed_loop.brackets import bracket_for, merged_frame
 from procam.estimate.closed_loop.patches import MIN_PHOTOGRAPHS
-from procam.estimate.geometry.camera_view import DomeView
-from procam.model.calibration import Calibration
 from procam.model.frame import Frame
+from procam.workflows.main_camera import MainCamera
 from procam.workflows.photographs.driven import Photographer, Wanted
 
 FILL = 0.7  # of full scale, for the brightest content
@@ -26,14 +24,10 @@ ROOM_CHANGE = (
 class LoopCamera:
     """Photographs sets of projector frames and gives content light per cell."""
 
-    def __init__(self, photographer: Photographer, calibration: Calibration) -> None:
-        self._photographer = photographer
-        model = calibration.camera
-        self._radiometer = Radiometer(model)
-        dome = calibration.screen
-        view = DomeView.of(model, dome, self._radiometer.rays, self._radiometer.seen)
-        self.cells = LoopCells.of(view.direction, view.on_screen)
-        self._matrix = calibration.content_from_camera.astype(np.float32)
+    def __init__(self, photographer: Photographer, camera: MainCamera) -> None:
+        self._photographer, self._camera = photographer, camera
+        self._sensor = camera.radiometer.camera.sensor
+        self.cells = LoopCells.of(camera.view.direction, camera.view.on_screen)
         self._exposures_s: tuple[float, ...] = (0.1,)
         self._noise = NO_NOISE
         self._dark = np.zeros(3)
@@ -55,7 +49,7 @@ class LoopCamera:
         )
 
     def _exposure_for(self, observed: Image) -> float:
-        light = observed.reshape(-1, 3) @ np.linalg.inv(self._matrix).T
+        light = observed.reshape(-1, 3) @ np.linalg.inv(self._camera.content_matrix).T
         return FILL / float(np.percentile(light, 99.9))
 
     def hold(self, light: Array, sigma: Array) -> bool:
@@ -69,7 +63,7 @@ class LoopCamera:
         exposure_s = self._exposures_s[0]
         self._photographer.plan([Wanted(self._shown, exposure_s)] * 2)
         pair = [green(self._capture(exposure_s).counts) for _ in range(2)]
-        self._noise = noise_from_repeat(pair[0], pair[1], self._radiometer.camera.sensor)
+        self._noise = noise_from_repeat(pair[0], pair[1], self._sensor)
         return True
 
     def measure_dark(self) -> None:
@@ -105,16 +99,15 @@ class LoopCamera:
 
     def _photograph(self) -> Array:
         frames = [self._capture(exposure_s) for exposure_s in self._exposures_s]
-        sensor = self._radiometer.camera.sensor
-        frame = frames[0] if len(frames) == 1 else merged_frame(frames, sensor, self._noise)
-        light = self._radiometer.radiance(frame)
+        frame = frames[0] if len(frames) == 1 else merged_frame(frames, self._sensor, self._noise)
+        light = self._camera.radiometer.radiance(frame)
         lost = float(np.isnan(light[self.cells.use]).any(axis=-1).mean())
         if lost > 0.01:
             raise OutOfModelRange(
                 f"loop photograph at {frame.settings.exposure_s:.3g} s: {lost:.1%} of the dome is "
                 "saturated, more than 1%; is room light on, or another projector?"
             )
-        return self.cells.average(np.nan_to_num(light) @ self._matrix.T) - self._dark
+        return self.cells.average(self._camera.content(np.nan_to_num(light))) - self._dark
 
     def _capture(self, exposure_s: float) -> Frame:
         self.shots += 1

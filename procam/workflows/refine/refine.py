@@ -13,11 +13,13 @@ import numpy as np
 from procam.arrays import Array, BoolArray, Image
 from procam.estimate.closed_loop import with_gains, with_scatter
 from procam.estimate.closed_loop.patches import MAX_CORRECTIONS, MIN_PHOTOGRAPHS, VISIBLE_JND
+from procam.files.venue.load import Venue
 from procam.maths.geometry.canvas import STANDARD
 from procam.maths.geometry.sphere import master_directions
 from procam.model.calibration import Calibration
 from procam.model.quality import Figure, Goal
 from procam.workflows.events import Event
+from procam.workflows.main_camera import MainCamera
 from procam.workflows.photographs.driven import Photographer
 from procam.workflows.refine.camera import LoopCamera
 from procam.workflows.refine.shown_picture import PreparedPicture, ShownPicture, Trial
@@ -107,7 +109,9 @@ class Refined:
         return figures
 
 
-def refine(photographer: Photographer, calibration: Calibration, content: Image) -> Iterator[Event]:
+def refine(
+    photographer: Photographer, venue: Venue, calibration: Calibration, content: Image
+) -> Iterator[Event]:
     """Refine on `content` (N, N, 3) on the standard canvas; the last event carries `data["refined"]`.
 
     Raises
@@ -117,7 +121,7 @@ def refine(photographer: Photographer, calibration: Calibration, content: Image)
     """
     total, canvas = MAX_CORRECTIONS + 5, calibration.canvas
     calibration = calibration.on(STANDARD)
-    camera = LoopCamera(photographer, calibration)
+    camera = LoopCamera(photographer, MainCamera.of(venue, calibration))
     plain = PreparedPicture.of(calibration, content, "none")
     prepared = PreparedPicture.of(calibration, content)
     before = _uncompensated(camera, plain, prepared)

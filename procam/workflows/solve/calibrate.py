@@ -5,13 +5,10 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TypeVar
 
-import numpy as np
-
 from procam.errors import CalibrationError
 from procam.estimate.calibration import ProjectorMeasurement, assemble
 from procam.estimate.camera.radiance import Radiometer
 from procam.estimate.geometry.apriltags import TagObservations
-from procam.estimate.geometry.camera_view import DomeView
 from procam.estimate.geometry.model import Observations, Pair
 from procam.estimate.geometry.observations import gather_observations
 from procam.estimate.geometry.solve import GeometrySolution
@@ -26,15 +23,12 @@ from procam.files.history.record import recorded
 from procam.files.session import Session
 from procam.files.venue.load import Venue
 from procam.files.venue.masks import (
-    MASTER_SIZE,
     camera_masks,
     nudges,
     projector_masks,
     protected_mask,
-    screen_mask,
 )
 from procam.files.versions import calibration_in_use, list_calibrations, next_directory
-from procam.maths.geometry.sphere import master_pixels
 from procam.model.calibration import Calibration
 from procam.model.quality import Figure
 from procam.model.screen import Dome
@@ -43,6 +37,7 @@ from procam.workflows.capture.decoded import with_decoded_bits
 from procam.workflows.capture.session_images import SessionImages
 from procam.workflows.capture.session_plan import plan_of, server_of
 from procam.workflows.events import Event
+from procam.workflows.main_camera import screen_view
 from procam.workflows.solve.apriltags import detect_tags, tag_marks, tag_notes
 from procam.workflows.solve.code_light import odd_waves
 from procam.workflows.solve.direct_light import Decoded, check_decoded, stripe_light
@@ -110,13 +105,14 @@ def _solve(venue: Venue, session: Session) -> Iterator[Event]:
     geometry = rig.geometry
     images, exposure_notes = with_long_exposure(_of_main(rig))
     geometry, glare_notes = with_bounded_glare(images, geometry)
+    images = _with_glare(images, geometry)
     dome = _solved_screen(venue, geometry)
-    view = screen_view(venue, dome, images, geometry)
+    view = screen_view(venue, dome, images.radiometer)
     beyond_rim = check_on_screen(view, rig.found)
     origin["notes"] = [*rig.notes, *exposure_notes, *glare_notes, *beyond_rim]
     if not server:
         geometry = with_near_veil(dome, images, view, geometry, rig.found)
-        images = replace(images, radiometer=Radiometer(geometry.camera))
+        images = _with_glare(images, geometry)
         view = replace(view, camera=geometry.camera)
     work = partial(measure_light, dome, images, view, geometry, rig.found, projector_masks(venue))
     if server:
@@ -205,6 +201,11 @@ def _of_main(rig: _SolvedRig) -> SessionImages:
     return SessionImages(rig.images.session, rig.images.plan, Radiometer(rig.geometry.camera))
 
 
+def _with_glare(images: SessionImages, geometry: GeometrySolution) -> SessionImages:
+    """The images of the main camera, whose glare is known better now."""
+    return replace(images, radiometer=images.radiometer.with_glare(geometry.camera.sensor))
+
+
 def _each(names: list[str], work: Callable[[str], Result]) -> Iterator[tuple[str, Result]]:
     """Results by projector, in order; two at a time, since NumPy leaves the other core idle."""
     with ThreadPool(WORKERS) as pool:
@@ -246,18 +247,6 @@ def _solved_screen(venue: Venue, geometry: GeometrySolution) -> Dome:
     shape = geometry.rig.shape
     coefficients = tuple(float(b) for b in shape.harmonic_coefficients)
     return replace(venue.screen, radius_m=shape.radius_m, bumps=coefficients, degree=shape.degree)
-
-
-def screen_view(
-    venue: Venue, dome: Dome, images: SessionImages, geometry: GeometrySolution
-) -> DomeView:
-    """What the main camera sees of the screen, without what a person has masked."""
-    seen = images.radiometer.seen & ~camera_masks(venue)[geometry.main].covered
-    view = DomeView.of(geometry.camera, dome, images.radiometer.rays, seen)
-    masked = screen_mask(venue, MASTER_SIZE).at(
-        master_pixels(np.nan_to_num(view.direction), MASTER_SIZE)
-    )
-    return view.without(masked)
 
 
 def _protecting(venue: Venue, calibration: Calibration) -> Calibration:

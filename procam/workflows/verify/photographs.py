@@ -11,15 +11,13 @@ import numpy as np
 
 from procam.arrays import Image
 from procam.errors import FileFormatError, OutOfModelRange
-from procam.estimate.camera.radiance import Radiometer
 from procam.estimate.drift.pictures import ProjectorPhotographs, VenuePhotographs
-from procam.estimate.geometry.camera_view import DomeView
 from procam.files.session import PRUNED, Session
 from procam.files.venue.load import Venue
-from procam.files.venue.masks import camera_masks
 from procam.model.calibration import Calibration
 from procam.model.plan import Plan, Purpose
 from procam.workflows.capture.session_images import SessionImages
+from procam.workflows.main_camera import MainCamera
 from procam.workflows.photographs.driven import Photographer, Wanted
 from procam.workflows.solve.long_exposure import with_long_exposure
 
@@ -67,15 +65,15 @@ def read_reference(venue: Venue, calibration: Calibration) -> Reference:
             f"{session.directory}: the session of the calibration in use is gone, and its photographs are "
             "needed to compare with. Restore it, or calibrate again"
         )
-    radiometer = Radiometer(calibration.camera)
+    camera = MainCamera.of(venue, calibration)
     plan, names = session.read_plan(), list(calibration.projectors)
     if session.is_pruned:
         raise FileFormatError(PRUNED.format(session=session.directory))
-    _check_stored(session, plan, radiometer.camera.name)
-    images, _ = with_long_exposure(SessionImages(session, plan, radiometer))
+    _check_stored(session, plan, camera.name)
+    images, _ = with_long_exposure(SessionImages(session, plan, camera.radiometer))
     short, _ = images.dark()
     shown = {name: _stored(images, name) for name in names}
-    photographs = VenuePhotographs(_view(venue, calibration, radiometer), short, shown)
+    photographs = VenuePhotographs(camera.view, short, shown)
     return Reference(images, photographs, {name: _pictures(images, name) for name in names})
 
 
@@ -92,13 +90,6 @@ def _check_stored(session: Session, plan: Plan, camera: str) -> None:
             f"{session.directory}: photographs of {', '.join(missing[:3])} by camera {camera} are gone, and "
             "a verification compares with them. Restore them from a backup, or calibrate again"
         )
-
-
-def _view(venue: Venue, calibration: Calibration, radiometer: Radiometer) -> DomeView:
-    """What the camera sees of the screen, without what a person has masked."""
-    camera = radiometer.camera
-    view = DomeView.of(camera, calibration.screen, radiometer.rays, radiometer.seen)
-    return view.without(camera_masks(venue)[camera.name].covered)
 
 
 def _stored(images: SessionImages, name: str) -> ProjectorPhotographs:

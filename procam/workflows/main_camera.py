@@ -1,0 +1,54 @@
+"""The camera that a calibration's light is measured with, and what it sees of the screen."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from procam.arrays import Image
+from procam.estimate.camera.radiance import Radiometer
+from procam.estimate.geometry.camera_view import DomeView
+from procam.files.venue.load import Venue
+from procam.files.venue.masks import MASTER_SIZE, camera_masks, screen_mask
+from procam.maths.geometry.sphere import master_pixels
+from procam.model.calibration import Calibration
+from procam.model.screen import Dome
+
+
+@dataclass(frozen=True, slots=True)
+class MainCamera:
+    """The main camera of a calibration.
+
+    Attributes
+    ----------
+    radiometer : makes radiance of its photographs.
+    view : of the screen, without what a person has masked.
+    content_matrix : (3, 3) from its channels to content channels.
+    """
+
+    radiometer: Radiometer
+    view: DomeView
+    content_matrix: Image
+
+    @classmethod
+    def of(cls, venue: Venue, calibration: Calibration) -> "MainCamera":
+        """The main camera of a venue's calibration."""
+        radiometer = Radiometer(calibration.camera)
+        view = screen_view(venue, calibration.screen, radiometer)
+        return cls(radiometer, view, calibration.content_from_camera.astype(np.float32))
+
+    @property
+    def name(self) -> str:
+        """Of the camera."""
+        return self.radiometer.camera.name
+
+    def content(self, radiance: Image) -> Image:
+        """Content light (H, W, 3) of radiance (H, W, 3)."""
+        return np.asarray(radiance @ self.content_matrix.T)
+
+
+def screen_view(venue: Venue, dome: Dome, radiometer: Radiometer) -> DomeView:
+    """What a camera sees of the screen, without what a person has masked on either."""
+    seen = radiometer.seen & ~camera_masks(venue)[radiometer.camera.name].covered
+    view = DomeView.of(radiometer.camera, dome, radiometer.rays, seen)
+    places = master_pixels(np.nan_to_num(view.direction), MASTER_SIZE)
+    return view.without(screen_mask(venue, MASTER_SIZE).at(places))
