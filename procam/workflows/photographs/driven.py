@@ -10,8 +10,7 @@ from procam.arrays import Image
 from procam.devices.rig import Rig
 from procam.model.calibration import Calibration
 from procam.model.frame import CameraSettings, Frame
-
-BREATH_S = 0.5  # before a photograph is taken again
+from procam.workflows.capture.checked_camera import BREATH_S, CheckedCamera
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +66,10 @@ class DrivenPhotographer:
     """
 
     def __init__(self, rig: Rig, calibration: Calibration, settle_s: float = 0.0) -> None:
-        self._rig, self._camera, self._settle_s = rig, calibration.camera.name, settle_s
+        self._rig, self._settle_s, model = rig, settle_s, calibration.camera
+        self._camera = CheckedCamera(
+            rig.cameras[model.name], model.sensor, rig.clock, may_look_alike=True
+        )
         self._shown: Mapping[str, Image] | None = None
         self.notes: Sequence[str] = ()
         self.again = ""
@@ -78,9 +80,9 @@ class DrivenPhotographer:
     def take(self, wanted: Wanted) -> Frame:
         """The photograph."""
         self._show(wanted.pictures)
-        camera = self._rig.cameras[self._camera]
-        camera.configure(CameraSettings(wanted.exposure_s, "rgb"))
-        return camera.capture()
+        of = ", ".join(wanted.pictures) or "the dark room"
+        settings = CameraSettings(wanted.exposure_s, "rgb")
+        return self._camera.photograph(f"photograph of {of}", settings, wanted.pictures)
 
     def retake(self, wanted: Wanted) -> Frame:
         """Show it again, wait and photograph: a camera may have delivered an old picture."""
