@@ -6,17 +6,35 @@ wrong is raised as sqlite3.DatabaseError; `store` adds the file's name and what 
 
 import sqlite3
 import zlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from datetime import datetime
+from typing import Any
 
 TABLES = "runs", "devices", "calibrations", "figures", "files"
 SUM = "checksum"
 
 
-def add_functions(db: sqlite3.Connection) -> None:
-    """Give a connection the functions that `seal` and `check` use."""
-    db.create_function("row_checksum", -1, _row_checksum, deterministic=True)
-    db.create_function("is_time", 1, _is_time, deterministic=True)
+def add_functions(db: sqlite3.Connection) -> list[BaseException]:
+    """Give a connection the functions that `seal` and `check` use.
+
+    What stops one of them, as Ctrl-C does, is in the list that is returned: SQLite itself drops it, and
+    says only that a function failed.
+    """
+    stopped = list[BaseException]()
+
+    def kept(function: Callable[..., Any]) -> Callable[..., Any]:
+        def call(*values: object) -> Any:
+            try:
+                return function(*values)
+            except BaseException as error:
+                stopped.append(error)
+                raise
+
+        return call
+
+    db.create_function("row_checksum", -1, kept(_row_checksum), deterministic=True)
+    db.create_function("is_time", 1, kept(_is_time), deterministic=True)
+    return stopped
 
 
 def seal(db: sqlite3.Connection) -> None:

@@ -125,8 +125,13 @@ def _connected(path: Path, *, as_it_is: bool = False) -> Iterator[sqlite3.Connec
     try:
         db.execute("PRAGMA trusted_schema = OFF")
         db.execute("PRAGMA foreign_keys = ON")
-        soundness.add_functions(db)
-        yield db
+        stopped = soundness.add_functions(db)
+        try:
+            yield db
+        except sqlite3.Error:
+            if stopped:
+                raise stopped[0] from None
+            raise
     finally:
         db.close()
 

@@ -269,6 +269,22 @@ class TestRefused:
                 read()
         assert (tmp_path / NAME).read_bytes() == content
 
+    def test_ctrl_c_while_rows_are_checked_is_no_damage(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """SQLite calls procam's checksum, and drops what stops it."""
+        with recorded(tmp_path, "solve"):
+            pass
+
+        def stopped(_: bytes) -> int:
+            raise KeyboardInterrupt
+
+        with monkeypatch.context() as patched:
+            patched.setattr("procam.files.history.soundness.zlib.crc32", stopped)
+            with pytest.raises(KeyboardInterrupt):
+                list_runs(tmp_path)
+        assert [run.outcome for run in list_runs(tmp_path)] == ["done"]
+
     @pytest.mark.parametrize(
         "change",
         [
