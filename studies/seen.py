@@ -70,14 +70,28 @@ def front(canvas: Canvas = STANDARD) -> Image:
     return np.asarray(picture[..., None].repeat(3, axis=-1), np.float32)
 
 
-def seen(venue: Path, calibration: Path, content: Image) -> Seen:
-    """What the simulated venue, as it is now, shows of linear content (N, N, 3) on the venue's canvas."""
+def waves(canvas: Canvas = STANDARD) -> Image:
+    """Waves of 30 degrees, which show where the picture is."""
+    direction, inside = canvas.directions(EDGE)
+    azimuth, elevation = (
+        np.arctan2(direction[..., 1], direction[..., 0]),
+        np.arcsin(direction[..., 2]),
+    )
+    picture = (0.45 + 0.2 * np.sin(12 * azimuth) * np.sin(12 * elevation)) * inside
+    return np.asarray(picture[..., None].repeat(3, axis=-1), np.float32)
+
+
+def seen(venue: Path, calibration: Path, content: Image, canvas: Canvas | None = None) -> Seen:
+    """What the simulated venue, as it is now, shows of linear content (N, N, 3) on a canvas.
+
+    Without one, on that of the calibration.
+    """
     known, settings = load_calibration(calibration), load_venue(venue).backends["simulated"]
     scene = build_scene(settings, venue)
     server = build_server(scene, settings, venue)
     compensator = Compensator(known, len(content), "exact")
     drives = projector_frames(compensator.frame(content), known)
-    direction, inside = known.canvas.directions(len(content))
+    direction, inside = (canvas or known.canvas).directions(len(content))
     rays = np.where(inside[..., None], direction, np.nan)
     lines = SightLines.along(scene.room, scene.lights, np.zeros(3), rays)
     sent = projector_drives(server, drives)

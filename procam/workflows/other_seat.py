@@ -8,12 +8,13 @@ from pathlib import Path
 import numpy as np
 
 from procam.errors import CalibrationError, FileFormatError
-from procam.estimate.comparison.compare import Comparison, LightStep, compare_calibrations
+from procam.estimate.comparison.compare import Comparison, LightStep
 from procam.estimate.comparison.verdict import AGREE, LIGHT_SIGMAS
 from procam.files.calibration import load_calibration
 from procam.files.seats import OtherSeat, other_seats
 from procam.model.calibration import Calibration
 from procam.model.quality import Figure
+from procam.workflows.comparison import compare
 
 SIGMA = "direction_sigma_relative_arcmin"
 SERVED = (
@@ -96,7 +97,7 @@ def check_from_other_seat(
 def _checked(seat: OtherSeat, calibration: Calibration, other: Calibration) -> SeatCheck:
     served = any(SERVED in each.quality for each in (calibration, other))
     try:
-        found = compare_calibrations(calibration, other)
+        found = compare(calibration, other)
     except CalibrationError as error:
         return SeatCheck(seat, refusal=str(error))
     if served and not found.light:

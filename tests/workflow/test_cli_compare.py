@@ -78,7 +78,9 @@ class TestTable:
         assert (ran.code, ran.err) == (0, "")
         lines = ran.out.splitlines()
         assert lines[-1].startswith("verdict: the directions are the same to the last bit; ")
-        assert sum(line.startswith("  north ") for line in lines) == 3  # as is, turned, areas
+        assert (
+            sum(line.startswith("  north ") for line in lines) == 4
+        )  # as is, turned, areas, picture
         row = "  feedback m   0.3000 0.3300 0.4000  0.3000 0.3300 0.4000  0.0 0.0 0.0"
         assert row in lines
 
@@ -92,7 +94,7 @@ class TestTable:
         assert ran.code == 0
         assert "the common rotation from B to A: 6.88 arcmin (x " in ran.out
         assert "z -6.88)" in ran.out
-        assert "light" not in ran.out  # B has none
+        assert "feedback" not in ran.out  # B has none
 
     def test_twice_the_feedback_fails(self, where: Path) -> None:
         ran = procam("compare", where / "a", where / "bright")

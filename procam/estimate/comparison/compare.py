@@ -22,6 +22,7 @@ from procam.estimate.comparison.common_pixels import (
 from procam.estimate.comparison.responses import response_departures
 from procam.estimate.comparison.verdict import (
     CLOSE,
+    PictureStep,
     Verdict,
     exchanged,
     find_exchanged,
@@ -142,6 +143,7 @@ class Comparison:
     `turn_arcmin` (3,): the common rotation of the rig from B to A as a rotation vector in A's frame.
     `screen`: "radius_m" and "degree" of the harmonics, of A and of B.
     `light`: "feedback" (m) and "albedo", where both calibrations have them. `responses`: of the projectors.
+    `picture`: None where it was not asked for, or no place is lit by both.
     """
 
     projectors: Mapping[str, Difference]
@@ -151,6 +153,7 @@ class Comparison:
     light: Mapping[str, LightStep]
     responses: Mapping[str, Departure]
     verdict: Verdict
+    picture: PictureStep | None = None
 
 
 def compare_calibrations(first: Calibration, second: Calibration) -> Comparison:

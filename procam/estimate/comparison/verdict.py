@@ -32,6 +32,9 @@ Kind = Literal["agree", "turned", "light", "moved", "changed", "lens", "exchange
 AGREE = 2.0  # error over sigma: a pose has six freedoms, so that one in 1000 exceeds it by chance
 LIGHT_SIGMAS = 5.0  # of feedback or albedo: six figures with sigmas that are estimates themselves
 EXPLAINED = 0.9  # share of the variance that an explanation must remove
+MOST_PICTURE = 0.02  # relative: a seam of half of it shows; two captures differ by a tenth of it
+MOST_LEVEL = 0.03
+MOST_LOST = 0.02  # of the pixels of a projector that send light
 CLEARER = 0.5  # ratio of remainders: a field has more coefficients than motions have
 CLOSE = np.radians(1.0)  # a mount slips by less, two projectors are mounted further apart
 CLEARLY = 0.1  # share to which exchanged names must reduce the difference
@@ -55,6 +58,24 @@ class Verdict:
     def sound(self) -> bool:
         """Whether the directions agree up to a rotation of the whole rig."""
         return self.kind in ("agree", "turned")
+
+
+@dataclass(frozen=True, slots=True)
+class PictureStep:
+    """How a uniform picture by B's frames differs from that by A's, both by A's model.
+
+    `level` : its light over A's. `rms` : of the relative difference beside that. `share_lit` : share of each
+    projector's pixels that send light, by A and by B.
+    """
+
+    level: float
+    rms: float
+    share_lit: Mapping[str, tuple[float, float]]
+
+    @property
+    def is_same(self) -> bool:
+        """Whether nobody sees the difference; white is that of the dimmest place, and so less certain."""
+        return self.rms <= MOST_PICTURE and abs(self.level - 1) <= MOST_LEVEL
 
 
 SAME = Verdict(
@@ -135,6 +156,24 @@ def judge_responses(verdict: Verdict, steps: Mapping[str, Departure]) -> Verdict
     if verdict.sound:
         return Verdict("light", f"{text}. Directions: {verdict.text}", tuple(changed))
     return replace(verdict, text=f"{verdict.text}. Also, {text}")
+
+
+def judge_picture(verdict: Verdict, step: PictureStep | None) -> Verdict:
+    """The verdict if the frames make another picture though the directions agree; else `verdict`."""
+    if step is None or step.is_same or not verdict.sound:
+        return verdict
+    lost = {n: pair for n, pair in step.share_lit.items() if pair[1] < (1 - MOST_LOST) * pair[0]}
+    each = [
+        f"; {n} sends light from {b:.0%} of its pixels, {a:.0%} in A" for n, (a, b) in lost.items()
+    ]
+    return Verdict(
+        "light",
+        f"the frames differ: a uniform picture by B's has {step.level:.1%} of the light of that by A's, and is "
+        f"{step.rms:.1%} off beside that{''.join(each)}. "
+        "If neither lamps nor settings were changed, one of them is wrong: calibrate again. Directions: "
+        f"{verdict.text}",
+        tuple(lost),
+    )
 
 
 def _common_turn(pairs: Mapping[str, CommonPixels]) -> tuple[Array, list[str], bool]:

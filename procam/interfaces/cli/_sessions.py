@@ -10,6 +10,7 @@ from procam.interfaces.report import write_report
 from procam.workflows.refine.refine import Refined
 from procam.workflows.refine.stored_pictures import keep_pictures
 from procam.workflows.sample_content import half_sky
+from procam.workflows.solve.plausible import check_calibration
 
 CONTENT_SIZE = 1024  # edge of the sample picture [px]
 
@@ -29,6 +30,7 @@ def keep_refined(directory: Path, kept: Path, refined: Refined, output: Output) 
         found = "no picture got better" if refined.corrections else "nothing to correct"
         output.say(f"{found}, {kept} stays newest")
         return kept
+    output.warn(check_calibration(refined.calibration))
     out = next_directory(directory)
     save_calibration(refined.calibration, out)
     use_calibration(directory, out)

@@ -9,11 +9,13 @@ from typing import Annotated
 import typer
 
 from procam.errors import InputError
-from procam.estimate.comparison.compare import Angles, Comparison, Difference, compare_calibrations
+from procam.estimate.comparison.compare import Angles, Comparison, Difference
+from procam.estimate.comparison.verdict import PictureStep
 from procam.files.calibration import load_calibration
 from procam.interfaces.cli._options import Json
 from procam.interfaces.cli._output import Output
 from procam.model.calibration import Calibration
+from procam.workflows import comparison
 
 EXAMPLE = "procam compare my-dome/calibrations/0001 my-dome/calibrations/0002"
 ALL = "together"
@@ -36,7 +38,7 @@ def compare(
     """
     a, b = load_calibration(first), load_calibration(second)
     _check(first, a, second, b)
-    output, found = Output(json), compare_calibrations(a, b)
+    output, found = Output(json), comparison.compare(a, b)
     output.say(f"A {first}\nB {second}")
     for line in _lines(found):
         output.say(line)
@@ -78,6 +80,7 @@ def _lines(found: Comparison) -> Iterator[str]:
     yield from _screen(found)
     yield from _light(found, wide)
     yield from _responses(found, wide)
+    yield from _picture(found.picture, wide)
     yield ""
     yield from wrap(f"verdict: {found.verdict.text}", COLUMNS, subsequent_indent="  ")
 
@@ -134,6 +137,16 @@ def _responses(found: Comparison, wide: int) -> Iterator[str]:
     if changed:
         yield from ("", f"{'responses':{wide}} B - A, where it is clearest")
         yield from (f"  {n:{wide - 2}} {s.text}, +- {s.sigma:.1g}" for n, s in changed.items())
+
+
+def _picture(step: PictureStep | None, wide: int) -> Iterator[str]:
+    """A uniform picture by the frames of B beside that by the frames of A."""
+    if step is None:
+        return
+    yield from ("", f"{'uniform picture':{wide}} by B's frames, on A's dome, beside that by A's")
+    yield f"  {'level':{wide - 2}} {step.level:.4f}, and {step.rms:.2%} rms beside it"
+    for name, (a, b) in step.share_lit.items():
+        yield f"  {name:{wide - 2}} light from {a:.1%} of its pixels by A, {b:.1%} by B"
 
 
 def _channels(values: list[float], digits: int) -> str:

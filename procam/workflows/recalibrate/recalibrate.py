@@ -21,7 +21,7 @@ from procam.workflows.photographs.driven import DrivenPhotographer
 from procam.workflows.photographs.open import is_by_hand, refuse_mixed
 from procam.workflows.recalibrate.one_projector import solve_again
 from procam.workflows.recalibrate.worse import new_notes, worse_notes
-from procam.workflows.solve.plausible import check_finite
+from procam.workflows.solve.plausible import check_calibration
 from procam.workflows.verify.verify import SETTLE_S, Verified, verify
 
 WATCHED = 2  # projectors that are verified where others are to be recalibrated
@@ -106,7 +106,7 @@ def _solved(
         worse += [*new_notes(old, repaired.notes), *worse_notes(old, repaired, name, ambient)]
         text = f"{name} solved, residual {repaired.residual_px:.3f} px"
         yield Event("solve", done, total, text)
-    check_finite(calibration)
+    worse += new_notes(old, check_calibration(calibration))
     directory = next_directory(venue.directory)
     save_calibration(calibration, directory)
     use_calibration(venue.directory, used if worse else directory)

@@ -52,7 +52,7 @@ from procam.workflows.solve.media_server import (
     server_rig,
 )
 from procam.workflows.solve.near_veil import with_near_veil
-from procam.workflows.solve.plausible import check_finite, check_on_screen
+from procam.workflows.solve.plausible import check_calibration, check_on_screen
 from procam.workflows.solve.predecessor import compare_with_predecessor
 from procam.workflows.solve.provenance import provenance
 from procam.workflows.solve.shared_black import with_shared_black
@@ -128,15 +128,21 @@ def _solve(venue: Venue, session: Session) -> Iterator[Event]:
     calibration = assemble(dome, geometry, view, black.measured, nudges(venue), origin, falloff)
     if server:  # content is drawn as the server plays it
         calibration = replace(calibration, canvas=server.canvas)
-    check_finite(calibration)
     quality = _quality(calibration, rig) | black.figures(calibration)
-    calibration = replace(calibration, quality=quality)
+    calibration = _noted(replace(calibration, quality=quality))
     yield Event("solve", total - 1, total, "maps assembled")
     directory = next_directory(venue.directory)
     save_calibration(_protecting(venue, calibration), directory)
     lines = compare_with_predecessor(venue.directory, used, directory, calibration)
     data = {"calibration": str(directory), "compared": lines}
     yield Event("solve", total, total, f"calibration {directory} written", data)
+
+
+def _noted(calibration: Calibration) -> Calibration:
+    """The calibration with what its own picture says of it."""
+    known = calibration.provenance
+    notes = [*known["notes"], *check_calibration(calibration)]
+    return replace(calibration, provenance={**known, "notes": notes})
 
 
 def _quality(calibration: Calibration, rig: _SolvedRig) -> dict[str, Figure]:

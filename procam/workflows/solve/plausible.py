@@ -1,9 +1,10 @@
-"""What a solve must not write: a picture beyond the dome's rim, and light that is no number."""
+"""What must not be written: a picture beyond the dome's rim, light that is no number, an uneven picture."""
 
 from collections.abc import Mapping
 
 import numpy as np
 
+from procam.compensate.predicted_picture import predict_picture
 from procam.errors import CalibrationError
 from procam.estimate.geometry.camera_view import DomeView
 from procam.estimate.geometry.model import Pair
@@ -12,6 +13,7 @@ from procam.workflows.solve.direct_light import Decoded
 
 # of a projector's decoded pixels: beyond it is noted and refused; some overshoot the rim on purpose
 MUCH_BEYOND, MOST_BEYOND = 0.005, 0.2
+OFF_NOTED, OFF_REFUSED = 0.001, 0.1  # of the lit dome, by the frames of the calibration itself
 
 
 def check_on_screen(view: DomeView, found: Mapping[Pair, Decoded]) -> list[str]:
@@ -45,14 +47,32 @@ def check_on_screen(view: DomeView, found: Mapping[Pair, Decoded]) -> list[str]:
     return notes
 
 
-def check_finite(calibration: Calibration) -> None:
-    """Refuse a calibration whose feedback or albedo is no number.
+def check_calibration(calibration: Calibration) -> list[str]:
+    """Notes on a calibration whose own frames would not make a uniform picture; by much it is refused.
+
+    Whatever makes a calibration asks this before it is written: its parts may each look right.
 
     Raises
     ------
     CalibrationError
-        With what to look at.
+        Also if the feedback or the albedo is no number; with what to look at.
     """
+    _check_finite(calibration)
+    picture = predict_picture(calibration)
+    if picture.share_off <= OFF_NOTED:
+        return []
+    sends = ", ".join(f"{name} from {share:.0%}" for name, share in picture.share_lit.items())
+    text = (
+        f"a uniform picture would be off by a tenth or more on {picture.share_off:.1%} of the lit dome, by "
+        f"this calibration itself; projectors would send light from these shares of their pixels: {sends}. "
+        "Did somebody stand in their light, or a device move, between photographs? Calibrate again"
+    )
+    if picture.share_off > OFF_REFUSED:
+        raise CalibrationError(text)
+    return [text]
+
+
+def _check_finite(calibration: Calibration) -> None:
     for name, light in ("feedback", calibration.feedback), ("albedo", calibration.albedo):
         if not np.isfinite([light.value, light.sigma]).all():
             raise CalibrationError(

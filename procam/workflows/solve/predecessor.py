@@ -3,10 +3,10 @@
 from pathlib import Path
 
 from procam.errors import CalibrationError
-from procam.estimate.comparison.compare import compare_calibrations
 from procam.files.calibration import load_calibration
 from procam.files.versions import use_calibration
 from procam.model.calibration import Calibration
+from procam.workflows.comparison import compare
 
 CONTRADICTION = ("exchanged", "differ")  # verdicts that no change to a rig explains
 
@@ -24,7 +24,7 @@ def compare_with_predecessor(
     if _panels(old) != _panels(calibration):
         return []
     try:
-        verdict = compare_calibrations(old, calibration).verdict
+        verdict = compare(old, calibration).verdict
     except CalibrationError:  # they share too little to be compared
         return []
     if verdict.kind in CONTRADICTION:
