@@ -8,10 +8,12 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from tiny_venue import TINY_PAIR, drift, make_venue, procam, quick_simulator, solved, take_session
 
 from procam.estimate import calibration as assembling
+from procam.files.calibration import load_calibration, save_calibration
 from procam.files.history import record
 
 SIZE = replace(TINY_PAIR, projector_size=(160, 100), camera_size=(256, 256))
@@ -74,6 +76,24 @@ def test_a_camera_put_back_roughly_is_no_alarm(venue: Path) -> None:
     ran = procam("verify", venue)
     assert ran.code == 0 and "camera moved" in ran.out
     assert ran.out.endswith("compared with calibration 0001: all is well\n")
+
+
+def test_a_calibration_that_blacks_a_projector_out(venue: Path) -> None:
+    """Every photograph is as it was; the calibration itself is wrong, as earlier versions wrote some."""
+    first = venue / "calibrations" / "0001"
+    calibration = load_calibration(first)
+    north = calibration.projectors["north"]
+    dark = replace(north, blend=np.zeros_like(north.blend))
+    shutil.rmtree(first)
+    (venue / "history.sqlite").unlink()  # which knows the files
+    save_calibration(
+        replace(calibration, projectors={**calibration.projectors, "north": dark}), first
+    )
+    ran = procam("verify", venue)
+    assert ran.code == 1
+    assert "CHANGED  venue: calibration" in ran.out
+    said = " ".join(ran.out.split())
+    assert "north from 0% what to do: calibrate again: procam calibrate" in said and "nan" not in said
 
 
 def test_no_disk_takes_the_findings_away(venue: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -168,8 +168,8 @@ def judge_picture(verdict: Verdict, step: PictureStep | None) -> Verdict:
     ]
     return Verdict(
         "light",
-        f"the frames differ: a uniform picture by B's has {step.level:.1%} of the light of that by A's, and is "
-        f"{step.rms:.1%} off beside that{''.join(each)}. "
+        f"the frames differ: a uniform picture by B's has {step.level:.1%} of the light of that by A's, and "
+        f"is {step.rms:.1%} off beside that{''.join(each)}. "
         "If neither lamps nor settings were changed, one of them is wrong: calibrate again. Directions: "
         f"{verdict.text}",
         tuple(lost),

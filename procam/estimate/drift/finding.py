@@ -26,6 +26,7 @@ Cause = Literal[
     "camera exposure",
     "camera focus",
     "banding",
+    "calibration",
 ]
 CERTAIN = 5.0  # sigmas
 MOST_MOVED_ARCMIN = 1.5  # about what is seen as double where projectors overlap

@@ -58,18 +58,27 @@ def check_calibration(calibration: Calibration) -> list[str]:
         Also if the feedback or the albedo is no number; with what to look at.
     """
     _check_finite(calibration)
+    share, text = uneven_picture(calibration)
+    advice = (
+        "Did somebody stand in their light, or a device move, between photographs? Calibrate again"
+    )
+    if share > OFF_REFUSED:
+        raise CalibrationError(f"{text}. {advice}")
+    return [f"{text}. {advice}"] if text else []
+
+
+def uneven_picture(calibration: Calibration) -> tuple[float, str]:
+    """Share of the dome where a calibration's own frames make a uniform picture uneven, and a sentence.
+
+    It has no stop, and is empty where so little is uneven that it may be the summing of pixels.
+    """
     picture = predict_picture(calibration)
-    if picture.share_off <= OFF_NOTED:
-        return []
     sends = ", ".join(f"{name} from {share:.0%}" for name, share in picture.share_lit.items())
     text = (
         f"a uniform picture would be off by a tenth or more on {picture.share_off:.1%} of the lit dome, by "
-        f"this calibration itself; projectors would send light from these shares of their pixels: {sends}. "
-        "Did somebody stand in their light, or a device move, between photographs? Calibrate again"
+        f"this calibration itself; projectors would send light from these shares of their pixels: {sends}"
     )
-    if picture.share_off > OFF_REFUSED:
-        raise CalibrationError(text)
-    return [text]
+    return picture.share_off, text if picture.share_off > OFF_NOTED else ""
 
 
 def _check_finite(calibration: Calibration) -> None:

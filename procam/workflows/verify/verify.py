@@ -15,6 +15,7 @@ from procam.model.quality import Figure
 from procam.workflows.events import Event
 from procam.workflows.photographs.driven import Photographer
 from procam.workflows.photographs.open import check_devices
+from procam.workflows.solve.plausible import uneven_picture
 from procam.workflows.verify.photographs import read_reference, take_photographs
 
 SETTLE_S = 1.5  # for irises and lamps that follow the picture
@@ -68,6 +69,14 @@ def _relative(log: Array, sigma: Array) -> Figure:
     return Figure(np.exp(log).tolist(), "-", sigma=(np.exp(log) * sigma).tolist())
 
 
+def _own_picture(calibration: Calibration) -> Iterator[Finding]:
+    """A calibration that contradicts itself, as an earlier version of procam may have written it."""
+    _, text = uneven_picture(calibration)
+    if text:
+        nan = float("nan")
+        yield Finding("calibration", "", nan, nan, "-", text, "calibrate again: procam calibrate")
+
+
 def verify(
     photographer: Photographer,
     venue: Venue,
@@ -94,5 +103,6 @@ def verify(
     assert now is not None
     levels = {name: pictures["levels"] for name, pictures in reference.pictures.items()}
     change = find_changes(calibration, reference.photographs, now, levels)
-    verified = Verified(change, name_causes(calibration, change), done - 1)
+    findings = [*_own_picture(calibration), *name_causes(calibration, change)]
+    verified = Verified(change, findings, done - 1)
     yield Event("verify", total, total, verified.summary(), {"verified": verified})
