@@ -38,7 +38,7 @@ GAIN_SIGMA, SCATTER_SIGMA = 0.05, 0.1  # relative: priors of changes since the c
 def just_noticeable(light: Array) -> Array:
     """One just noticeable difference (...) [rel] of light (...) [rel], by Weber fractions.
 
-    .7 % at 10 cd/m2 and above, rising to 4 % at .1, linear in both logarithms; below .1 cd/m2 the
+    0.7 % at 10 cd/m2 and above, rising to 4 % at 0.1, linear in both logarithms; below 0.1 cd/m2 the
     absolute difference is constant. White is assumed to have `WHITE_NITS`.
 
     >>> [round(float(v), 5) for v in just_noticeable(np.array([1.0, 0.0]))]

@@ -11,7 +11,7 @@ from procam.estimate.structured_light.cells import Cells
 
 MOST_PIXELS = 3000  # evenly picked
 STEP_PX = 0.1
-APART_PX = 0.5  # sinusoids drawn without regard to gamma, through cameras that encode, give .2
+APART_PX = 0.5  # sinusoids drawn without regard to gamma, through cameras that encode, give 0.2
 
 
 def edges_refusal(cells: Cells, x: Map, period: float) -> str:

@@ -125,7 +125,7 @@ def _p(value: float) -> str:
 
 
 def _small(value: float) -> str:
-    return "< .001" if value < LEAST else f"{value:.2g}".replace("0.", ".")
+    return "< 0.001" if value < LEAST else f"{value:.2g}"
 
 
 def _jod(value: float) -> str:

@@ -13,8 +13,8 @@ from procam.workflows.capture.session_images import SessionImages
 
 ODD_LIGHT = 0.1  # relative; waves of different phase differ by a percent, a person takes some
 WAVES = 6  # at least so many of a code, evenly picked, have their light predicted
-# relative, of their median: .002 without a mistake; an unsharp mask of 1.0 makes .04 of waves of 16 px,
-# and .005 of waves of 50 px, to which it does no harm
+# relative, of their median: 0.002 without a mistake; an unsharp mask of 1.0 makes 0.04 of waves of 16 px,
+# and 0.005 of waves of 50 px, to which it does no harm
 NOT_PREDICTED = 0.01
 GREEN = 1
 

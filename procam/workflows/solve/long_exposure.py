@@ -21,7 +21,7 @@ ENCODED = (
     0.02  # standard error: JPEG moves dim colours towards grey, by a third of a count of 8 bits
 )
 BLACK_NOTED = (
-    0.1  # departure from 1; a short photograph of black is so dim that .05 may be the camera's
+    0.1  # departure from 1; a short photograph of black is so dim that 0.05 may be the camera's
 )
 
 
