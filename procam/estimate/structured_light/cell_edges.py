@@ -1,4 +1,4 @@
-"""Whether the edges of Gray cells lie where the sinusoids say; with wrong shifts they do not.
+"""Checks that the edges of Gray cells lie where the sinusoids put them; with wrong shifts they do not.
 
 Shifts that are all wrong by one angle move every column alike and leave no residual among the sinusoids.
 The stripes beneath do not move with them.

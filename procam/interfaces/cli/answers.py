@@ -120,7 +120,7 @@ def _percent(share: float) -> str:
 
 
 def _p(value: float) -> str:
-    """A p-value as papers write it."""
+    """A p-value with its relation, as papers write it."""
     return f"p {_small(value)}" if value < LEAST else f"p = {_small(value)}"
 
 

@@ -1,4 +1,4 @@
-"""What a solve must not write: a picture beyond the dome's rim, and light that is no number."""
+"""Refuses what a solve must not write: a picture beyond the dome's rim, and light that is no number."""
 
 from collections.abc import Mapping
 
