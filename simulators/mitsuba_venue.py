@@ -18,7 +18,7 @@ from simulators.surface import GORES, Surface
 from simulators.transport import Deck, Room
 
 Faces = NDArray[np.integer[Any]]
-SAMPLES = 1 << 15  # rays from each patch, for .1 % of the light
+SAMPLES = 1 << 15  # rays from each patch, for 0.1 % of the light
 COLUMNS = 15 * GORES  # of faces round the room, so that edges of panels are edges of faces
 DOME_STEP = np.radians(1.5)  # height of a face
 POD_STEP = np.radians(2.0)

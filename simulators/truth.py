@@ -26,7 +26,7 @@ from simulators.server import MediaServer, projector_drives
 from simulators.sight_lines import SightLines
 
 MASTER = 1024
-PATHS = 8192  # from each patch: .2 % of the scattered light, half a minute a picture
+PATHS = 8192  # from each patch: 0.2 % of the scattered light, half a minute a picture
 WHEN = "1980:01:01 00:00:00"  # in headers, so that the same venue gives the same bytes
 FINE = 2  # pictures are rendered this much finer and averaged over pixels
 RGB = ("R", "G", "B")

@@ -142,8 +142,8 @@ def _report(rows: list[dict[str, Any]]) -> list[str]:
     lines = [
         "# Standard errors of lenses from boards",
         "",
-        f"{SEEDS} seeds per line; noise of .03 to .3 px, another in each view. Curl: one side of the board "
-        "rises by .5 to 1.5 % of its width. Prism: thin-prism terms of .0005. The truth of such a lens is "
+        f"{SEEDS} seeds per line; noise of 0.03 to 0.3 px, another in each view. Curl: one side of the board "
+        "rises by 0.5 to 1.5 % of its width. Prism: thin-prism terms of 0.0005. The truth of such a lens is "
         "that of the nearest lens of the fitted kind, over a camera's picture, and where a "
         "pair's corners are.",
         "",

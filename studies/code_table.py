@@ -189,7 +189,7 @@ def _summary(rows: list[Row]) -> Iterator[str]:
     yield ""
     heads = (
         *("code", "pictures", "usable cells", "at SNR 20", "at defocus 3 px", "at defocus 6 px"),
-        *("gamma x1.1", "albedo .8", "median coverage", "median rms [px]", "worst misread"),
+        *("gamma x1.1", "albedo 0.8", "median coverage", "median rms [px]", "worst misread"),
         *("worst invented", "chi2 median, range"),
     )
     yield f"| {' | '.join(heads)} |"

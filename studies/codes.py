@@ -1,4 +1,4 @@
-"""Accuracy of the default code at full size, albedo .6, SNR 50, defocus 3 px, over noise seeds.
+"""Accuracy of the default code at full size, albedo 0.6, SNR 50, defocus 3 px, over noise seeds.
 
 Writes studies/codes.json and studies/codes.md.
 """

@@ -27,7 +27,7 @@ from studies.measure import write
 NAME = "path-traced, 2 projectors"
 KINDS = ("turned", "aged", "defocused", "dust", "floor")
 SEEDS = 3
-SAMPLES = 1 << 12  # rays from each patch: 1 % of its scattered light, .2 % of what is seen
+SAMPLES = 1 << 12  # rays from each patch: 1 % of its scattered light, 0.2 % of what is seen
 KEPT = 16  # lights whose trace is kept, for whites are photographed twice
 
 

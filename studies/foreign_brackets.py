@@ -57,7 +57,7 @@ def logistic(light: Array) -> Array:
 
 
 def knee(light: Array) -> Array:
-    """Gamma 2.2 up to .7 of saturation; above this knee the slope falls to .4 of its value."""
+    """Gamma 2.2 up to 0.7 of saturation; above this knee the slope falls to 0.4 of its value."""
     at, power = 0.7, 1 / 2.2
     slope = 0.4 * power * at ** (power - 1)
     top = at**power + slope * (1 - at)

@@ -196,7 +196,7 @@ def table(rows: Iterable[dict[str, Any]]) -> list[str]:
         "they are drawn without regard to gamma. Exposure jumps by 10 to 30 % once; one to three "
         "photographs are missing. A seed is right if nine tenths of its errors are within two stated "
         "standard errors; goal: nine tenths of the seeds. Stated over real error: median standard error "
-        "over rms error of a seed, 5, 50 and 95 % of the seeds; goal: the median within .5 to 2. Gross: "
+        "over rms error of a seed, 5, 50 and 95 % of the seeds; goal: the median within 0.5 to 2. Gross: "
         "off by more than a pixel (a cell, if wider).",
         "",
         "| code | camera | fault | refused | seeds right | within 2 sigmas | stated over real error "

@@ -41,7 +41,7 @@ SAMPLES = 1 << 14  # rays from each patch, and from each face of a mesh
 SEED = 1  # of the pictures judged
 TRAINING_SEEDS = (2, 3)  # of those that models are fitted to, twice
 STRIPS = (0.0, 0.1, 0.2, 0.4)
-# albedo and its variation; .8 +-30 % would exceed 1
+# albedo and its variation; 0.8 +-30 % would exceed 1
 PAINTS = ((0.3, 0.0), (0.3, 0.3), (0.5, 0.0), (0.5, 0.3), (0.8, 0.0), (0.8, 0.2))
 TILTS_DEG = (15.0, 30.0)  # of a bare dome, where they have no effect
 FURNISHED = ((0.3, 15.0), (0.5, 0.0), (0.5, 15.0), (0.5, 30.0), (0.8, 15.0))  # albedo, tilt

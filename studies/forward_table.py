@@ -46,7 +46,7 @@ def table(document: dict) -> Iterator[str]:
     text = "".join(tables)
     yield from (
         "",
-        "Goals of the worst picture [%]: .5 on bare domes, by the closed form of all that reflects and by "
+        "Goals of the worst picture [%]: 0.5 on bare domes, by the closed form of all that reflects and by "
         "the form chosen; 2 on furnished domes, by the form chosen; 2 on meshes. Other columns have none.",
         "",
         f"{text.count(MISS)} of {_judged(rows)} figures with a goal miss it; {text.count(OPEN)} are open (no "

@@ -32,7 +32,7 @@ from studies.measure import write
 Array = NDArray[np.float64]
 RADIUS_M, PANEL, CAMERA = 8.0, (1920, 1200), (2048, 2048)
 PROJECTORS, CAMERAS = 6, 2
-SIGMA_PX = 0.02  # of a patch: studies/codes.md finds .015 at SNR 50
+SIGMA_PX = 0.02  # of a patch: studies/codes.md finds 0.015 at SNR 50
 FIDUCIALS_DEG = ((12.0, 35.0), (130.0, 30.0), (-110.0, 50.0))
 FIDUCIAL_SIGMA = 1e-5  # rad: surveyed far better than the rig is solved
 JUDGE_M = np.array([-1.6, -0.9, -0.4])  # a viewpoint that no camera of the solve had
@@ -235,7 +235,7 @@ def _report(rows: list[dict]) -> list[str]:
             f"{np.median(values('solve_s')):.1f} |"
         )
     goals = (
-        "standard <= .3 rms, <= 1 max; realistic <= 1 rms; seams <= .25 px; realistic chi2 <= 1.3"
+        "standard <= 0.3 rms, <= 1 max; realistic <= 1 rms; seams <= 0.25 px; realistic chi2 <= 1.3"
     )
     return [*lines, "", f"Goals: {goals}; all converge."]
 

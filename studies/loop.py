@@ -55,7 +55,7 @@ class Plant:
 
     @property
     def share(self) -> float:
-        """Share of the sphere that reflects; half of it cannot reach a kappa of .55."""
+        """Share of the sphere that reflects; half of it cannot reach a kappa of 0.55."""
         return 0.5 if self.kappa < 0.5 else 0.75
 
     @property
@@ -290,7 +290,7 @@ def _report(rows: list[dict[str, Any]]) -> list[str]:
             f"{m:.2f}, {w:.2f}" for m, w in zip(left.mean(axis=0), left.max(axis=0), strict=True)
         )
         lines.append(f"| {kappa} | " + " | ".join(cells) + " |")
-    goals = f"<= 3 corrections to 1 JND; <= .55 sigma after {AVERAGING}, four of which average"
+    goals = f"<= 3 corrections to 1 JND; <= 0.55 sigma after {AVERAGING}, four of which average"
     return [*lines, "", f"Goals: {goals}."]
 
 

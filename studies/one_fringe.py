@@ -193,13 +193,13 @@ def table(rows: list[dict[str, object]]) -> Iterator[str]:
     yield "# One fringe over the whole panel"
     yield ""
     yield (
-        f"{STEPS} equal steps of one period as long as the panel, albedo .5, defocus .7 px; bias in px "
+        f"{STEPS} equal steps of one period as long as the panel, albedo 0.5, defocus 0.7 px; bias in px "
         f"of {FULL_PX}: rms and largest over 64 bins of the panel. The room is the standard preset, or "
         "the same with a black, level deck: then the dome is a sphere to its light."
     )
     yield (
         f"Goal: {GOAL_PX} px rms against the place that the direct light alone gives. Against the truth "
-        "the projector's own 10 bit input leaves .25 px, which no correction of light can mend. With "
+        "the projector's own 10 bit input leaves 0.25 px, which no correction of light can mend. With "
         "noise, the bins' own standard errors are in the figures."
     )
     for room in ROOMS:

@@ -251,7 +251,7 @@ def bounds(found: list[Row], flicker: list[Row]) -> Iterable[str]:
             f"| the same on a dome whose white is {white:g} cd/m2, not {WHITE_NITS:g} as assumed, dB "
             f"| none | {max(known):+.2f} |"
         )
-    yield f"| JOD lost by a picture | <= .02 | {max(-worst, 0):.3f} |"
+    yield f"| JOD lost by a picture | <= 0.02 | {max(-worst, 0):.3f} |"
     mine = [row for row in found if row["method"].startswith("perceptual")]
     yield f"| light beyond the limits | <= 1e-6 | {max(row['outside'] for row in mine):.1e} |"
     hue = max(row["hue_shift_from_exact"] for row in mine)
@@ -268,7 +268,7 @@ def bounds(found: list[Row], flicker: list[Row]) -> Iterable[str]:
         )
     for method in ("perceptual, 0 dB", "perceptual, 1 dB"):
         lost = max(-min(gain(found, k, method, "log_ssim").values()) for k in FEEDBACKS)
-        yield f"| log-SSIM lost by a picture, {method} | <= .05 | {lost:.3f} |"
+        yield f"| log-SSIM lost by a picture, {method} | <= 0.05 | {lost:.3f} |"
     for db in ("0 dB", "1 dB"):
         each = [[r["flicker"] for r in flicker if r["method"] == m] for m in (db, EXACT)]
         ratio = np.mean(each[0]) / np.mean(each[1])

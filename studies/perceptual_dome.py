@@ -43,7 +43,7 @@ LEARNT = "interior"
 DEMO = "half-sky"  # the demo's own picture
 PICTURES = ("sunset", "hopper", "earth-africa", "reef", "clouds")
 SOFT_PX = (
-    4.0  # blur of the dome master, .7 degrees: finer detail is not drawn by the demo's projectors
+    4.0  # blur of the dome master, 0.7 degrees: finer detail is not drawn by the demo's projectors
 )
 DB = 1.0
 GOAL = 1.3  # noise floors

@@ -256,8 +256,8 @@ COLUMNS = (
     ("m, intervals that cover, widest", ">= 88 %", partial(_covers, "feedback")),
     ("albedo, error: mean, worst", "<= 2 %", partial(_worst, "albedo_error")),
     ("albedo, intervals that cover, widest", ">= 88 %, +-6 %", partial(_covers, "albedo")),
-    ("response, rms of range: mean, worst", "<= .003", partial(_largest, "response_error")),
-    ("seams, DE2000: mean of means, worst", "<= .5", partial(_largest, "seam_delta_e_mean")),
+    ("response, rms of range: mean, worst", "<= 0.003", partial(_largest, "response_error")),
+    ("seams, DE2000: mean of means, worst", "<= 0.5", partial(_largest, "seam_delta_e_mean")),
     ("seams, DE2000, 95 %: mean, worst", "<= 1", partial(_largest, "seam_delta_e_95")),
     (
         "directions, rms arcmin: mean, worst",

@@ -18,7 +18,7 @@ ROWS = 64
 TILE = 64  # of the dither
 CLEAR = 1e-5  # from a limit: which side of it a value is on does not hang on rounding
 ROWS_PER_TASK = 256
-GOALS = {"float32": "1e-8 (residual), 1e-6 (unclipped)", "uint8": "2e-5 (s), .5 (dithered)"}
+GOALS = {"float32": "1e-8 (residual), 1e-6 (unclipped)", "uint8": "2e-5 (s), 0.5 (dithered)"}
 
 
 def light_in_double(show: Show) -> Array:
@@ -34,7 +34,7 @@ def misses(show: Show, frame: NDArray[Any], light: Array) -> Iterator[float]:
     """Largest difference of what was written from what should be, for some rows at a time.
 
     Of light: where no limit holds, of the content less what bounces [rel]. Of 8 bits: from the value under
-    its dither, where exact rounding leaves .5.
+    its dither, where exact rounding leaves 0.5.
     """
     model, coding = show.equations.model, show.coding
     for start in range(0, model.size, ROWS):
@@ -161,7 +161,7 @@ def _report(rows: list[dict[str, Any]]) -> list[str]:
         "bilinear between nodes: what the reference implementation shares with the "
         "kernels counts here too. Picture: float, "
         "largest error where no limit holds [of white]; 8 bits, largest distance from the value under "
-        "its dither [codes], .5 for exact rounding.",
+        "its dither [codes], 0.5 for exact rounding.",
         "",
         "| content | size | dome | residual | flux | moments | picture | goals |",
         "|---|---|---|---|---|---|---|---|",

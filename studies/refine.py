@@ -122,7 +122,7 @@ def main() -> None:
         "# The closed loop, judged on pictures that it did not learn from",
         "",
         "`scatter_left` (docs/figures.md) before the loop and after it, at the demo's size. A percent of it",
-        "is about .2 % of white. Gains are wrong by smooth maps, scattered light is 10 % too strong.",
+        "is about 0.2 % of white. Gains are wrong by smooth maps, scattered light is 10 % too strong.",
         "",
         *table(rows),
     ]

@@ -39,7 +39,7 @@ def _table(rows: list[dict[str, object]]) -> list[str]:
     return [
         "# Runs that were stopped",
         "",
-        "INT, TERM or HUP, one, two or five of it within .1 s, at a random moment; the other runs had ended "
+        "INT, TERM or HUP, one, two or five of it within 0.1 s, at a random moment; the other runs had ended "
         "before. In all of them the lamps of the emulated projectors were dark at the end, what was printed "
         "and the exit code were true, and all calibrations could be read.",
         "",

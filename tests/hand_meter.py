@@ -87,7 +87,7 @@ class Meter:
 
 
 def with_noise(readings: list[MeterReading], rng: np.random.Generator) -> list[MeterReading]:
-    """Readings with the errors of a good meter: 2 % of Y, .002 of x and y."""
+    """Readings with the errors of a good meter: 2 % of Y, 0.002 of x and y."""
     noisy = []
     for reading in readings:
         x, y = reading.xyz[:2] / reading.xyz.sum() + 0.002 * rng.normal(size=2)

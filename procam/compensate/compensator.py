@@ -86,9 +86,10 @@ class Certificate:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _Solved:
-    """A solved frame: its content as the kernels take it, which nobody has overwritten, and its solution.
+    """A solved frame and its solution.
 
-    `reached` is what a perceptual method put in place of the content, if it did.
+    `content` is in kernel encoding, and valid until the caller changes it; `reached` is what a perceptual
+    method put in place of the content, if it did.
     """
 
     content: AnyArray
@@ -117,7 +118,7 @@ class Compensator:
         clamps.
     state : name of the venue state to compensate for; None for the venue as it was calibrated.
     strength : 0 gives the content itself, 1 the full result, mixed as encoded.
-    white : what content 1.0 is, see `Fields.of`.
+    white : luminance of content value 1.0, see `Fields.of`.
     transfer_name : the content's transfer function, see `maths.transfer`; None: srgb for integers,
         linear for floats.
 

@@ -57,8 +57,8 @@ class Fields:
 
         Parameters
         ----------
-        white : "summed": content 1.0 is the brightest white that all places reach. "keep": it is the
-            total of today's full-white picture, which only small bright objects can reach.
+        white : luminance of content value 1.0. "summed": the white that every place can reach. "keep":
+            today's full white, scattered light included, which only small bright objects can reach.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""What the audience will see of light that was sent, from a calibration's maps alone.
+"""Predicts what the audience will see of light that was sent, from a calibration's maps alone.
 
 This checks the compensator and what was written, so it shares neither the solver's nodes nor its
 kernels: it evaluates docs/theory/interreflection.md (I16) in plain NumPy, with the solid angle of each

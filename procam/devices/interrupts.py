@@ -60,7 +60,7 @@ _uninterruptible: set[CodeType] = set()
 
 
 def current_run() -> Run:
-    """The run that `interruptible` began; outside of one, a new one that nobody looks at."""
+    """The run that `interruptible` began; outside of one, a new one that is not used."""
     return _runs[0] if _runs else Run()
 
 

@@ -185,7 +185,7 @@ class _Master:
     def _scatter_and_albedo(self, scatter: DomeScatter) -> tuple[Image, Image]:
         """Maps (N, N, C) of u [1/sr] and of the albedo.
 
-        u of full white is proportional to the albedo, to .3 % over a floor of albedo .1. The profile
+        u of full white is proportional to the albedo, to 0.3 % over a floor of albedo 0.1. The profile
         of the kernel would correct for that, but gloss distorts it by percents.
         """
         u = sample(scatter.solution.per_flux, self.where) * self.inside[..., None]

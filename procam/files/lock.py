@@ -9,7 +9,7 @@ from procam.errors import InputError
 from procam.files.system import open_here, try_lock
 
 NAME, MAX_NAME = ".lock", 100
-LOCKED_AT = 2**20  # Windows locks bytes, which nobody can then read
+LOCKED_AT = 2**20  # Windows locks bytes, which then cannot be read
 _held: set[Path] = set()  # by this process
 
 

@@ -15,7 +15,7 @@ PLACE = ("azimuth_deg", "elevation_deg")
 COLOUR = (("Y", "x", "y"), ("X", "Y", "Z"))
 HEADER = f"projector,patch,{','.join(PLACE)},{','.join(COLOUR[0])} (or {','.join(COLOUR[1])})"
 WIDEST_DEG = {"azimuth_deg": 360.0, "elevation_deg": 90.0}
-LEAST_Y = 1e-4  # of the spectrum it is .005
+LEAST_Y = 1e-4  # of the spectrum it is 0.005
 BRIGHTEST = 1e10  # cd/m2
 ROUNDED = 1.01  # x + y of a saturated red, as meters round it
 

@@ -1,1 +1,1 @@
-"""What people and scripts touch: the command line, the report, the judge."""
+"""Interfaces to people and scripts: the command line, the report, the judge."""

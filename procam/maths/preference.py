@@ -107,7 +107,7 @@ def sign_test(first: int, second: int) -> float:
 def jod(share: float) -> float:
     """Distance [JOD] of two of which the first is preferred in a share, by Thurstone's case V.
 
-    The quality of each is normal with one sigma, and a share of .75 is 1 JOD (Perez-Ortiz et al. 2020,
+    The quality of each is normal with one sigma, and a share of 0.75 is 1 JOD (Perez-Ortiz et al. 2020,
     doi:10.1109/TIP.2019.2936103). A share of 0 or 1 gives an infinite distance: more than such
     a test can measure.
 

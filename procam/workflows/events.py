@@ -1,4 +1,4 @@
-"""What workflows report while they run: the command line, reports and tests read one stream."""
+"""Events that workflows report while they run: the command line, reports and tests read one stream."""
 
 from collections.abc import Generator, Iterator
 from contextlib import contextmanager

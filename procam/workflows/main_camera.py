@@ -21,7 +21,7 @@ class MainCamera:
     Attributes
     ----------
     radiometer : makes radiance of its photographs.
-    view : of the screen, without what a person has masked.
+    view : of the screen, without the manual masks.
     content_matrix : (3, 3) from its channels to content channels.
     """
 
@@ -47,7 +47,7 @@ class MainCamera:
 
 
 def screen_view(venue: Venue, dome: Dome, radiometer: Radiometer) -> DomeView:
-    """What a camera sees of the screen, without what a person has masked on either."""
+    """A camera's view of the screen, without the manual masks of both."""
     seen = radiometer.seen & ~camera_masks(venue)[radiometer.camera.name].covered
     view = DomeView.of(radiometer.camera, dome, radiometer.rays, seen)
     places = master_pixels(np.nan_to_num(view.direction), MASTER_SIZE)

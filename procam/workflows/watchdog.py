@@ -26,7 +26,7 @@ DARK_S = 1.0  # for all projectors to confirm that they are dark
 AGAIN_S = 240.0  # for one that does not, such as a lamp that is warming up
 END_S = 120.0  # for the run to end when its light is gone; lamps are switched off one by one
 LOOK_S = 0.05  # for a signal while an answer is awaited
-PRINT_S = 1.0  # for a line on stderr, which may be a pipe that nobody reads
+PRINT_S = 1.0  # for a line on stderr, which may be a pipe without a reader
 Taken = Callable[[ProcamError, dict[str, str]], None]
 
 
@@ -166,6 +166,6 @@ def state_in_words(lit: dict[str, str]) -> str:
 
 
 def print_line(text: str) -> None:
-    """Write a line to stderr, which may be a pipe that nobody reads."""
+    """Write a line to stderr, which may be a pipe without a reader."""
     with suppress(Empty, RuntimeError):  # or a system that starts no more threads
         start(partial(announce, text)).result(PRINT_S)

@@ -71,7 +71,7 @@ class TestDefaultCode:
         assert all(0.9 < figures[f"pixel_chi2_{axis}"] < 1.1 for axis in "xy")
 
     def test_a_patch_is_as_good_as_it_says(self, shots: Shots) -> None:
-        """At a low SNR: what all patches share, .003 px of it, is no part of their sigma."""
+        """At a low SNR: what all patches share, 0.003 px of it, is no part of their sigma."""
         misses = Errors(shots.decode([2], snr=15.0).map, shots.truth)
         error, sigma = patch_errors(misses, PANEL)
         assert len(error) >= 800
@@ -111,7 +111,7 @@ class TestOneFringe:
             for m in ("none", "unlit")
         )
         assert min(biased) > 10.0
-        assert max(mended) < 0.25  # of which this room's few rays make .1 to .2
+        assert max(mended) < 0.25  # of which this room's few rays make 0.1 to 0.2
 
     def test_shares_are_those_of_the_flux(self, fringe: one_fringe.OneFringe) -> None:
         counts = fringe.photograph(200.0)

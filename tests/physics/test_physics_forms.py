@@ -72,7 +72,7 @@ class TestSphere:
 
     @pytest.mark.parametrize(("albedo", "short"), [(0.5, 0.12), (0.8, 0.21)])
     def test_the_paper_with_lit_area_alone_understates(self, albedo: float, short: float) -> None:
-        """By (1 - rho f_R) / (1 - rho f_L), f_R = .5 and f_L = .3 (docs/theory/interreflection.md)."""
+        """By (1 - rho f_R) / (1 - rho f_L), f_R = 0.5 and f_L = 0.3 (docs/theory/interreflection.md)."""
         room = Sphere(0.5, 0.3, albedo)
         lit = room.lit
         estimate = add_interreflection_paper(room.direct[lit], albedo, room.solid[lit])

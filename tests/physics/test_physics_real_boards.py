@@ -55,7 +55,7 @@ def test_a_board_is_a_plane(session: str) -> None:
     assert len(xy) > 30_000
     plane = homography(pixels, xy)
     each = miss(plane, pixels, xy)
-    # rounding alone leaves a median of .40 px in two coordinates, and no outlier comes with it
+    # rounding alone leaves a median of 0.40 px in two coordinates, and no outlier comes with it
     assert np.median(each) < 0.46
     assert (each > 3).mean() < 1e-3
     panel = fit_projector_map(found.map, SIZE)

@@ -167,7 +167,7 @@ class TestDeck:
         assert SIGMAS * error < difference.mean() < 0.01
 
     def test_it_adds_as_much_as_in_path_tracing(self, trace: Tracer) -> None:
-        """Deck albedo .3 under a half sphere of albedo .5 adds 45 % to the scattered light."""
+        """Deck albedo 0.3 under a half sphere of albedo 0.5 adds 45 % to the scattered light."""
         bright = replace(CLOSED, floor_albedo=WHITE_DECK)
         rooms = {CLOSED: trace(CLOSED, count=2), bright: trace(bright)}
         light = {

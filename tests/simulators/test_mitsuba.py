@@ -49,7 +49,7 @@ def _square(*corners: tuple[float, float, float]) -> tuple[np.ndarray, np.ndarra
 
 
 def _sphere(gloss: float = 0.0) -> tuple[PatchedMesh, np.ndarray]:
-    """A whole sphere of 16 patches, albedo .6, and light on one."""
+    """A whole sphere of 16 patches, albedo 0.6, and light on one."""
     vertices, faces = mesh_shapes.scattered_sphere(2.0, 12_000)
     x, y, z = vertices[faces].mean(axis=1).T
     ring = np.minimum((1 - z / 2) / 2 * 4, 3).astype(int)

@@ -43,7 +43,7 @@ class TestStored:
         assert " 0.00" not in markdown(self.DOCUMENT).replace("tilt 0 deg", "")
 
     def test_misses_are_counted(self) -> None:
-        """The closed form's error on bare domes set to 1 %, well above its goal of .5."""
+        """The closed form's error on bare domes set to 1 %, well above its goal of 0.5."""
         document = json.loads(json.dumps(self.DOCUMENT))
         before = markdown(document).count("(miss)")
         assert f"{before} of " in markdown(document)

@@ -43,7 +43,7 @@ from simulators.presets import PRESETS, Preset
 from simulators.scene import ALL_BANDS, DomeScene
 from simulators.sight_lines import SightLines
 
-PEOPLE = 0.20  # albedo of the floor with people on it; .08 when it was calibrated
+PEOPLE = 0.20  # albedo of the floor with people on it; 0.08 when it was calibrated
 PHOTOGRAPHS = 1 + 2 * (1 + zone_count(2))  # dark; black and zones of each projector
 MASTER = 128
 GOAL = 0.01  # relative, of m
@@ -197,7 +197,7 @@ class TestMeasured:
         state = _measured(_changed(rig, _lamps(venue, calibration, light)), venue, calibration)
         assert state.ambient is not None
         lit = calibration.maps.coverage > 0.999
-        # the camera's glare of .3 % is subtracted, but these lamps cause none
+        # the camera's glare of 0.3 % is subtracted, but these lamps cause none
         np.testing.assert_allclose(state.ambient[lit].mean(axis=0), light, rtol=0.01)
         np.testing.assert_allclose(state.scatter_ratio, dark.scatter_ratio, rtol=0.003)
 

@@ -103,7 +103,7 @@ def photos(roll: Path, tmp_path: Path) -> Path:
 def photograph(
     out: Path, entry: dict[str, str], exposure_s: float, *, blur_px: float = BLUR_PX
 ) -> np.ndarray:
-    """12-bit counts of a picture on a bent screen, out of focus; white just fits at .13 s."""
+    """12-bit counts of a picture on a bent screen, out of focus; white just fits at 0.13 s."""
     rng = np.random.default_rng(7)
     light = np.full((PANEL[1], PANEL[0], 3), 1e-3)
     if entry["picture"]:

@@ -115,7 +115,7 @@ class TestPlanned:
     def test_what_only_one_end_allows(self, tmp_path: Path) -> None:
         """A dark just above the least that the middle of the band allows.
 
-        m = .3, so that t = (m / (1 + m)) (1 + t) / 2 + 1 / 2000 at .1310.
+        m = 0.3, so that t = (m / (1 + m)) (1 + t) / 2 + 1 / 2000 at 0.1310.
         """
         halves = np.full((64, 64, 3), 1.0, np.float32)
         halves[:, :32] = 0.132

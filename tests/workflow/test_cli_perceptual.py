@@ -213,7 +213,7 @@ class TestPreview:
             assert procam("preview", kept, source, "--out", out, "--db", db).code == 0
             today, exact, _, ours = map(float, re.findall(r"([\d.]+) dB; bright", _bare(out)))
             assert today < ours
-            assert exact - db - 0.06 <= ours  # both rounded to .1 dB
+            assert exact - db - 0.06 <= ours  # both rounded to 0.1 dB
             assert abs(exact - ours) < 1.5
 
     @pytest.mark.parametrize(

@@ -423,7 +423,7 @@ class TestAnswers:
             save(tmp_path / f"{name}.csv", answered(asked_dir, name, always(asked_dir, "exact")))
         out = procam("answers", asked_dir, tmp_path).out
         assert "exact chosen over perceptual in 100 %; no interval, because observers do not" in out
-        assert "6 observers prefer exact, 0 perceptual, 0 neither: sign test p = .031" in out
+        assert "6 observers prefer exact, 0 perceptual, 0 neither: sign test p = 0.031" in out
 
     def test_several_pairs_are_counted_together(
         self, kept: Path, contents: list[Path], tmp_path: Path

@@ -93,7 +93,9 @@ def test_a_calibration_that_blacks_a_projector_out(venue: Path) -> None:
     assert ran.code == 1
     assert "CHANGED  venue: calibration" in ran.out
     said = " ".join(ran.out.split())
-    assert "north from 0% what to do: calibrate again: procam calibrate" in said and "nan" not in said
+    assert (
+        "north from 0% what to do: calibrate again: procam calibrate" in said and "nan" not in said
+    )
 
 
 def test_no_disk_takes_the_findings_away(venue: Path, monkeypatch: pytest.MonkeyPatch) -> None:

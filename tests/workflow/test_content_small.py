@@ -34,7 +34,7 @@ def test_hardly_any_scattered_light_remains(rows: dict[str, dict[str, Any]]) -> 
         assert row["interreflection_left"] < 0.02
         assert row["picture_error_jnd"] < 0.5 * row["picture_error_jnd_before"]
     white = rows["white"]  # it has no edges to blur
-    # the camera's falloff is known to .5 % at the rim, which gains follow
+    # the camera's falloff is known to 0.5 % at the rim, which gains follow
     assert white["scatter_left"] < min(0.025, 0.3 * white["paper_eq12"])
 
 

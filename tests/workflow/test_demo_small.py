@@ -124,7 +124,7 @@ def check_the_figures_make_sense(run: SmallRun) -> None:
     assert abs(value["solid_angle_sum_error"]) < 0.005
     # a projector pixel is 10 arcmin wide here
     relative = value["direction_error_relative_rms_arcmin"]
-    # and its pictures of marks are clicked within .3 px of a camera whose pixels are 40 arcmin wide
+    # and its pictures of marks are clicked within 0.3 px of a camera whose pixels are 40 arcmin wide
     assert 0 < relative < 2 and relative < value["direction_error_rms_arcmin"] < 12
     assert value["direction_error_rms_arcmin"] < value["direction_error_max_arcmin"] < 30
     # coarse pixels blur every edge of the content, so more is left than at full size

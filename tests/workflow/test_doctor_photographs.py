@@ -62,7 +62,7 @@ def kinds(document: dict) -> dict[str, str]:
 def test_sound_photographs_give_the_exposures(rig: HandSession, photos: Path) -> None:
     code, document = doctor(rig, photos)
     assert (code, document["findings"], document["photographs"]) == (0, [], 10)
-    # white reaches 3000 of 4031 counts at .13 s
+    # white reaches 3000 of 4031 counts at 0.13 s
     assert document["capture"]["exposure_s"] == pytest.approx(0.92 * 4031 / 3000 * 0.13, rel=0.06)
     assert {v["projector"] for v in document["views"]} == {"south", "north"}
     ran = procam("doctor", rig.session.parents[1], "--photos", photos, "--camera", CAMERA)

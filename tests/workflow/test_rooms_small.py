@@ -13,7 +13,7 @@ from studies import rooms
 SMALL = SceneSize(projector_size=(240, 150), camera_size=(360, 360), rays=256)
 
 
-ROOM = 1  # one projector, a lens with a prior, a deck .35 radii below the rim
+ROOM = 1  # one projector, a lens with a prior, a deck 0.35 radii below the rim
 
 
 def test_a_drawn_room_is_within_its_intervals(

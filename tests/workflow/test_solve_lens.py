@@ -21,7 +21,7 @@ from simulators.presets import PRESETS
 
 SIZE = replace(TINY_PAIR, camera_size=(256, 256))
 TOO_LONG = 1.01  # focal length of venue.toml over the true one
-PULL = 1e-3  # of m, by a focal length that is 1 % off: the lens moves by .7 %, m by .02 %
+PULL = 1e-3  # of m, by a focal length that is 1 % off: the lens moves by 0.7 %, m by 0.02 %
 
 
 @pytest.fixture(scope="module")

@@ -1,1 +1,1 @@
-"""Where subtraction would need negative light: the light that costs the eye least."""
+"""Finds the light that costs the eye least where subtraction would need negative light."""

@@ -1,4 +1,4 @@
-"""What the perceptual methods may not do: lose more luminance than allowed, or turn hues that are seen."""
+"""Bounds of the perceptual methods: how much luminance they may lose, and that they turn no visible hue."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

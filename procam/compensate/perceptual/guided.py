@@ -1,4 +1,4 @@
-"""How a small picture was changed, for the same change of a large one.
+"""Applies the change of a small picture to a large one.
 
 In each window of a few pixels total light is a line over the target's, y = a t + b, so that the large
 picture keeps its detail: He, Sun and Tang (2013), "Guided image filtering" (doi:10.1109/TPAMI.2012.213),

@@ -1,4 +1,4 @@
-"""What a picture that differs from its target costs the eye, and the slope of that.
+"""Visual cost of a picture that differs from its target, and the gradient of the cost.
 
 Equations: docs/theory/perceptual.md. Pictures are planes (3, H, W) in single precision; what is here also
 holds for any other arrangement of places (3, N), with the `Levels` of a mesh.

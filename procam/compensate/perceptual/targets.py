@@ -101,7 +101,7 @@ class MovieTargets:
         if share == 0:
             return Reached(picture)
         loss_db = allowance.loss_db(share)
-        if share < 1:  # in place: a frame of 8192 px is .8 GB
+        if share < 1:  # in place: a frame of 8192 px is 0.8 GB
             changed -= picture
             changed *= np.float32(share)
             changed += picture

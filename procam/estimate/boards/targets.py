@@ -154,7 +154,7 @@ def _find_checkers(grey: NDArray[np.uint8], squares: tuple[int, int]) -> Array |
     """Corners (N, 2) by the sector method, or by the older one, which tolerates more distortion.
 
     Both search a small copy: whole photographs of 12 megapixels take minutes. The gradients around each
-    corner then locate it to .05 px, where the sector method itself scatters by .1 to .2 px.
+    corner then locate it to 0.05 px, where the sector method itself scatters by 0.1 to 0.2 px.
     """
     inner = (squares[0] - 1, squares[1] - 1)
     small, share = _small_copy(grey, SEARCH_PX)

@@ -47,8 +47,8 @@ def exposure_ratio(short: FloatArray, long: FloatArray, step: float = 0.0) -> tu
 
     Returns
     -------
-    ratio : 1 if exposures are what they say; NaN if the picture has no bright and dark pixels, or if the
-        shorter photograph does not show them.
+    ratio : 1 if the stated exposure times are right; NaN if the picture has no bright and dark pixels, or
+        if the shorter photograph does not show them.
     """
     usable = np.isfinite(short) & np.isfinite(long)
     if not usable.any():

@@ -28,7 +28,7 @@ TWO_SIDED = 1.96  # sigmas within which 95 % of a normal distribution lies
 CELL_QUANTILE = 0.95  # share of the patches that a statement covers
 AVERAGED = 8  # a residual below the noise of the mean of so many photographs is not corrected
 VISIBLE_JND = 0.5  # a smaller residual is not corrected
-NOTICED_JND = 1.0  # a residual that grows to less is no regression: nobody can see it
+NOTICED_JND = 1.0  # a residual that grows to less is no regression: it is invisible
 TINY = 1e-6  # of white
 MIN_PATCHES = 30  # of a neighbourhood that is judged
 SIGNIFICANT_SIGMAS, STRAY_SIGMA = 3.0, 0.005  # of a change of c; relative, by lens stray light
@@ -38,7 +38,7 @@ GAIN_SIGMA, SCATTER_SIGMA = 0.05, 0.1  # relative: priors of changes since the c
 def just_noticeable(light: Array) -> Array:
     """One just noticeable difference (...) [rel] of light (...) [rel], by Weber fractions.
 
-    .7 % at 10 cd/m2 and above, rising to 4 % at .1, linear in both logarithms; below .1 cd/m2 the
+    0.7 % at 10 cd/m2 and above, rising to 4 % at 0.1, linear in both logarithms; below 0.1 cd/m2 the
     absolute difference is constant. White is assumed to have `WHITE_NITS`.
 
     >>> [round(float(v), 5) for v in just_noticeable(np.array([1.0, 0.0]))]

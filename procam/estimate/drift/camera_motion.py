@@ -1,4 +1,4 @@
-"""Whether the camera moved, and where it is now, from where it sees the pictures of all projectors.
+"""Finds whether the camera moved, and where it is now, from where it sees the pictures of all projectors.
 
 A camera that moved shifts the pictures of all projectors together; a projector that moved shifts its own
 alone. The pose is taken under which most projectors are where they were.

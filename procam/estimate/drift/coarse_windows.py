@@ -1,4 +1,4 @@
-"""Where large windows of a panel's picture went, by normalised cross-correlation, turned over too."""
+"""Finds large windows of a panel's picture again, by normalised cross-correlation, turned over too."""
 
 from collections.abc import Callable
 from dataclasses import fields

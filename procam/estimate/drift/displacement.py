@@ -1,4 +1,4 @@
-"""Where a panel's picture went, and how much more blurred it is, from pictures of shuffled tiles.
+"""Measures where a panel's picture went, and its further blur, from pictures of shuffled tiles.
 
 Digital image correlation: the texture of the tiles, once found (`coarse_windows`), is followed to hundredths
 of a pixel in small windows by least squares, with gain, offset and blur of each as unknowns too. A projective

@@ -1,4 +1,4 @@
-"""How the edge of a projector's light moved, by its full white.
+"""Measures how the edge of a projector's light moved, by its full white.
 
 A lens or a projector that moved takes the edge of its light along. A picture that is scaled or bent
 electronically moves inside an edge that stays.

@@ -1,4 +1,4 @@
-"""Whether a projector that was nudged, or whose lens was shifted or zoomed, explains where its picture went.
+"""Tests whether a nudged projector, or a shifted or zoomed lens, explains where its picture went.
 
 A turn of several degrees bends a picture a little, as a keystone correction does, so the terms of the
 picture's motion alone do not tell the two apart; the projector's own model does.

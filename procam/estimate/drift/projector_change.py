@@ -1,4 +1,4 @@
-"""What has changed of one projector: its picture, its sharpness, its light and its response."""
+"""Measures the changes of one projector: its picture, its sharpness, its light and its response."""
 
 from dataclasses import dataclass, field, replace
 from typing import Literal

@@ -1,4 +1,4 @@
-"""How a projector's response changed, by pictures of tiles of all drive levels.
+"""Measures how a projector's response changed, by pictures of tiles of all drive levels.
 
 Of each level the light over that of white, less that of the darkest level, is a point of the response. The
 same picture before and now gives the change of its exponent, of the ends of its signal range, a raised black,

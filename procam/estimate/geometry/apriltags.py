@@ -129,7 +129,7 @@ def tag_centre(light: Image, corners: Array, cells: BoolArray, lens: Lens) -> Ar
     Notes
     -----
     Paper follows the dome's curvature. A camera off the centre then sees the middle away from the
-    crossing of the diagonals, by .03 px for a tag of 40 px; the bow (shifts that grow with the square
+    crossing of the diagonals, by 0.03 px for a tag of 40 px; the bow (shifts that grow with the square
     of the distance from the middle) accounts for that.
     """
     edge_px = float(np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).mean())

@@ -1,4 +1,4 @@
-"""What fixes a rig in space: residuals of fiducials on the dome and of measured distances."""
+"""Residuals that fix a rig in space: those of fiducials on the dome and of measured distances."""
 
 from collections.abc import Sequence
 from dataclasses import replace

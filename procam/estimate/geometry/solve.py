@@ -56,8 +56,8 @@ BENT = 1.5
 DEGREES = (6, 8)  # of harmonics, in turn; lower ones explain little of a dome made of panels
 NOT_SQUARE = 4.0  # standard errors by which panels' pixels must differ from squares
 EXPLAINS = 0.9  # harmonics are kept if they reduce the systematic ratio to this share
-# with one camera, to which a lens that is not of the fitted kind looks like bumps: bumps leave .25 to .45 of
-# the ratio, lenses that ripple by .1 px .8 or more
+# with one camera, to which a lens that is not of the fitted kind looks like a deformation: deformations
+# leave 0.25 to 0.45 of the ratio, and lenses that ripple by 0.1 px leave 0.8 or more
 EXPLAINS_ALONE = 0.5
 
 

@@ -16,7 +16,8 @@ FEWEST = 2.0  # bands over the picture: fewer look like paint or vignetting
 BAND_PX = 16  # narrowest band [px]; narrower ones are smoothed away with the noise
 STEP = 0.5  # between the numbers of bands that are tried
 TREND = 4  # terms of the polynomial that paint and vignetting leave along the picture
-# amplitude, of the light: gains follow it, and are promised to 2 %; without bands drawn rooms stay below .004
+# amplitude, of the light: gains follow it, and are promised to 2 %; drawn rooms without bands have less than
+# 0.004
 NOTED = 0.008
 LOUDER = 3.0  # times the largest amplitude across: seams, rings and dirt make both alike
 STANDS_OUT = 0.2  # logarithm of light over the line's, of a person or a spot: paint differs by 0.1

@@ -1,4 +1,4 @@
-"""Which camera pixels see direct light of a projector, from its stripes and without any decoding.
+"""Finds the camera pixels that see direct light of a projector, from its stripes and without any decoding.
 
 White - black is scattered light too, so it is bright beyond the picture. A stripe pattern less its
 inverse is direct light, and the scattered light by which their fluxes differ. Edges of Gray patterns never

@@ -1,4 +1,4 @@
-"""Whether light is brighter beside the edges of stripes, as what a camera or a projector sharpens is."""
+"""Measures whether light is brighter beside the edges of stripes, as sharpening makes it."""
 
 import numpy as np
 

@@ -8,8 +8,8 @@ least squares (docs/theory/photometry.md, "The floor's albedo"). The scale of ea
 gloss, drift and a wrong flux do not bias the result.
 
 Light from a floor that lies lower, below a wall, comes back more evenly, like that of a brighter screen,
-and so does what the wall itself returns. How low and how bright they are nobody states, so several are
-tried. Each counts by how well it fits the pictures and venue.toml, and their spread is in the result.
+and so does what the wall itself returns. Neither depth nor brightness of the wall is known: several
+combinations are fitted and averaged by likelihood, and their spread is in the result.
 """
 
 from collections.abc import Sequence

@@ -14,7 +14,7 @@ from procam.estimate.light.scatter_kernel import CELLS
 from procam.maths.geometry.sphere import master_directions, master_solid_angles
 from procam.model.screen import Dome
 
-RINGS, SECTORS = 16, 48  # of the floor's patches; half as many give .28 for a floor of .3
+RINGS, SECTORS = 16, 48  # of the floor's patches; half as many give 0.28 for a floor of 0.3
 WALL_RINGS = 4
 
 

@@ -24,8 +24,8 @@ from procam.model.transport import Measured
 # distance from a stripe's edge beyond which it leaves no direct light: at least so much [projector px],
 # so many sigmas of the measured blur, of which 3e-5 is left, and at most this share of half a stripe
 CLEAR_PX, CLEAR_SIGMAS, CLEAR_SHARE = 3.0, 4.0, 0.75
-# sigma of the edges' blur [pixel extents], up to which scattered light is right to .5 % at any pixel;
-# in focus it is .3 to .8
+# sigma of the edges' blur [pixel extents], up to which scattered light is right to 0.5 % at any pixel;
+# in focus it is 0.3 to 0.8
 MAX_BLUR = 2.5
 OVERSHOOT = 0.02  # of unsharpened edges it is below 0
 LEAST_SHARE = 0.5  # of the direct light of white that is left when scattered light is taken away
@@ -41,7 +41,7 @@ EXTEND_PX = 3.0  # Gaussian sigma of the continuation of direct light beyond the
 # relative, of m: the border of the lit area has the same error for all projectors, so their spread
 # does not show it; three times the bias in studies/photometry.md
 BORDER_SIGMA = 1e-3
-SINGLE_SIGMA = 0.003  # relative, of m from one projector alone; on matte domes they differ by .1 %
+SINGLE_SIGMA = 0.003  # relative, of m from one projector alone; on matte domes they differ by 0.1 %
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""Whether the edges of Gray cells lie where the sinusoids say; with wrong shifts they do not.
+"""Checks that the edges of Gray cells lie where the sinusoids put them; with wrong shifts they do not.
 
 Shifts that are all wrong by one angle move every column alike and leave no residual among the sinusoids.
 The stripes beneath do not move with them.
@@ -11,7 +11,7 @@ from procam.estimate.structured_light.cells import Cells
 
 MOST_PIXELS = 3000  # evenly picked
 STEP_PX = 0.1
-APART_PX = 0.5  # sinusoids drawn without regard to gamma, through cameras that encode, give .2
+APART_PX = 0.5  # sinusoids drawn without regard to gamma, through cameras that encode, give 0.2
 
 
 def edges_refusal(cells: Cells, x: Map, period: float) -> str:

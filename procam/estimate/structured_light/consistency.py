@@ -1,4 +1,4 @@
-"""How well a set of photographs agrees with a code, measured on a sample of pixel triples.
+"""Measures how well a set of photographs agrees with a code, on a sample of pixel triples.
 
 Three camera pixels in a row see projector pixels on a nearly straight line. So if the photographs are
 of this code and in the right order, most triples decode to a straight line; otherwise few do. The

@@ -12,8 +12,8 @@ from procam.model.optics import Sensor
 LIT_SHARE = 0.1
 WHITE_SIGMAS, CONTRAST_SIGMAS = 5.0, 4.0  # of a difference of two samples, by a known noise law
 BEYOND_SHARE = 0.03  # of pixels whose stripes are certain: misread ones at edges are fewer
-WAVES_BEYOND_SHARE = 0.15  # where waves alone are judged, edges and mixtures give .08
-WAVES_BEYOND_MOST = 0.3  # a set with more is refused: a wrong sign of all shifts gives .37
+WAVES_BEYOND_SHARE = 0.15  # where waves alone are judged, edges and mixtures give 0.08
+WAVES_BEYOND_MOST = 0.3  # a set with more is refused: a wrong sign of all shifts gives 0.37
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""Whether a decoded map is one that a projector can make, and whether it shows every pixel it is sent."""
+"""Checks that a projector can make a decoded map, and that it shows every pixel it is sent."""
 
 import numpy as np
 

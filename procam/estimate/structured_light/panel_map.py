@@ -15,7 +15,7 @@ from procam.arrays import Array, Array32, BoolArray, IndexArray
 from procam.estimate.structured_light.outliers import keep_only
 from procam.model.correspondence import CorrespondenceMap, ProjectorMap
 
-PIXELS_PER_PATCH = 72  # reduce a noise of .3 px to .04
+PIXELS_PER_PATCH = 72  # reduce a noise of 0.3 px to 0.04
 SMALLEST_PATCH_PX = 4
 MIN_PIXELS = 12
 BLOCK = 4  # patches along the edge of a block, over which the curvature is constant

@@ -33,7 +33,8 @@ def plan_session(
     """The plan for projectors of given sizes (width, height), and its patterns (H, W, 1 or 3) by path.
 
     First everything is dark; then each projector shows its patterns alone; at the end the first one shows
-    what shows whether the camera stayed where it was, and how long it really exposes.
+    a dim picture, which shows whether the camera stayed where it was, and the true ratio of the two exposure
+    times.
     """
     zones = zone_count(len(projectors))
     each = {

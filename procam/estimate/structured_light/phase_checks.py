@@ -1,4 +1,4 @@
-"""Whether sinusoids of several periods agree; with wrong shifts or a wrong period they do not."""
+"""Checks that sinusoids of several periods agree; with wrong shifts or a wrong period they do not."""
 
 from collections.abc import Iterator, Sequence
 

@@ -1,4 +1,4 @@
-"""Which photograph shows which plane of a code, and what is wrong with the set.
+"""Finds which photograph shows which plane of a code, and what is wrong with the set.
 
 `OrderConsistency` scores any order of the photographs by the share of pixel triples that decode to a
 straight line. Each kind of fault is then a comparison of orders: the set with one photograph left out,

@@ -19,7 +19,7 @@ from procam.maths.codes.phase import WaveDistortion, Waves
 
 EQUAL = 1e-6  # sum of the phasors of equal steps
 MIN_SAMPLES = 5  # of a pixel: two more than its unknowns, as a check
-NEGLIGIBLE_SURPLUS = 1e-4  # of the flux; moves columns by less than .01 px
+NEGLIGIBLE_SURPLUS = 1e-4  # of the flux; moves columns by less than 0.01 px
 MAX_FULL_SEARCHES = 60_000  # pixels without a base set, each of which searches all columns
 AMPLITUDE_SIGMAS = 5.0
 BRIGHT_SHARE = 0.2  # of the largest amplitude: dimmer pixels are edges, or lit by scattered light

@@ -1,4 +1,4 @@
-"""What of a venue and its plan goes into a bundle: the keys that a solve reads, and the files that they name.
+"""Selects the parts of a venue and its plan for a bundle: keys that a solve reads, and files that they name.
 
 `procam.files.venue.sharing` lists the keys. So commands, tables of backends (hosts, device paths,
 passwords), comments and unknown keys never get in. Devices become "by-hand": whoever opens the bundle has

@@ -1,4 +1,4 @@
-"""Whether history.sqlite is as procam wrote it: its tables, the types of its values, and a checksum per row.
+"""Checks that history.sqlite is as procam wrote it: its tables, the types of its values, a checksum per row.
 
 SQLite's own check finds damaged pages and rows that an index lacks, but no value that is another. What is
 wrong is raised as sqlite3.DatabaseError; `store` adds the file's name and what to do.

@@ -1,4 +1,4 @@
-"""Whether the data of a JPEG are whole.
+"""Checks that the data of a JPEG are whole.
 
 Decoders go on after damage: what they cannot read is grey, and what follows a damaged part is displaced and
 of other brightness. They report data that end too early, but not data that are left over, which damage leaves

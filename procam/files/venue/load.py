@@ -95,7 +95,7 @@ class Venue:
 
 
 def load_venue(directory: Path) -> Venue:
-    """Read and validate DIRECTORY/venue.toml; all mistakes at once, a line each."""
+    """Read and validate DIRECTORY/venue.toml; all mistakes at once, one per line."""
     path = directory / "venue.toml"
     if not path.is_file():
         raise InputError(

@@ -1,4 +1,4 @@
-"""What of a venue.toml may go to other people: a closed list of keys, those that a solve reads.
+"""Keys of venue.toml that may go to other people: a closed list, those that a solve reads.
 
 All other keys stay at the venue. Every key of the tables is in one of the two lists below, and a test
 fails on one that is in neither. `*` is the name of a device, or any entry of a list.

@@ -65,7 +65,7 @@ class CameraTable(_Table):
     black_level: Annotated[FiniteFloat, Field(ge=0)]
     vignetting: list[FiniteFloat] = []
     glare: Annotated[FiniteFloat, Field(ge=0, lt=1)] = 0.0
-    glare_sigma: Share = 0.01  # of a lens that nobody measured
+    glare_sigma: Share = 0.01  # of an unmeasured lens
     masks: list[Outline] = []
 
 

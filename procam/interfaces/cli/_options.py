@@ -100,7 +100,7 @@ TransferOption = Annotated[
 WhiteOption = Annotated[
     str,
     typer.Option(
-        help="What content 1.0 is: summed, the white that all of the dome can reach, or keep, "
+        help="Luminance of content value 1.0: summed, the white that every place can reach, or keep, "
         "today's full white."
     ),
 ]

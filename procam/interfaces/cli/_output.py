@@ -37,7 +37,7 @@ class Output:
             sys.stdout.write(plain(text) + "\n")
 
     def notes(self, calibration: "Calibration", compared: Sequence[str]) -> list[str]:
-        """Print the notes of a solve and of its comparison, which nobody should miss, and return them."""
+        """Print the warnings of a solve and of its comparison, one per line, and return them."""
         lines = [*(str(line) for line in calibration.provenance.get("notes", ())), *compared]
         for line in lines:
             self.say(f"note: {line}")

@@ -1,4 +1,4 @@
-"""What a command says that cannot go on before people have photographed."""
+"""Messages of a command that cannot go on before people have photographed."""
 
 from pathlib import Path
 from shlex import quote

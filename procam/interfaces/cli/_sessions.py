@@ -1,4 +1,4 @@
-"""What the commands share that refine a venue."""
+"""Functions that the commands share which refine a venue."""
 
 from pathlib import Path
 from shlex import quote

@@ -120,12 +120,12 @@ def _percent(share: float) -> str:
 
 
 def _p(value: float) -> str:
-    """A p-value as papers write it."""
+    """A p-value with its relation, as papers write it."""
     return f"p {_small(value)}" if value < LEAST else f"p = {_small(value)}"
 
 
 def _small(value: float) -> str:
-    return "< .001" if value < LEAST else f"{value:.2g}".replace("0.", ".")
+    return "< 0.001" if value < LEAST else f"{value:.2g}"
 
 
 def _jod(value: float) -> str:

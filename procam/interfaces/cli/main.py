@@ -164,14 +164,14 @@ def main() -> None:
 
 
 def _how_it_ended(error: BaseException) -> str:
-    """For the log: the exit code, or what nobody expected."""
+    """For the log: the exit code, or the traceback of an unexpected error."""
     if isinstance(error, SystemExit):
         return f"exit code {error.code or 0}"
     return "".join(traceback.format_exception(error))
 
 
 def _unprinted(error: BaseException) -> str:
-    """What --json has not printed yet: a wrong option, or an error that nobody expected; "" for no error."""
+    """The message that --json has not printed yet: a wrong option, or an unexpected error; "" for none."""
     if not isinstance(error, SystemExit):
         return (
             f"unexpected {type(error).__name__}: {error}. This is a mistake in procam; report it with the "
@@ -187,7 +187,7 @@ def _print_error(message: str, code: object) -> None:
     """With --json scripts get an error as a document too, unless frames go to stdout."""
     if "-" in sys.argv:
         return
-    with suppress(OSError):  # nobody reads it
+    with suppress(OSError):  # the pipe has no reader
         if "--json" in sys.argv:
             document = {"error": message, "exit_code": code}
             sys.stdout.write(json.dumps(document, indent=1) + "\n")

@@ -110,8 +110,8 @@ def _geometry(calibration: Calibration) -> Iterator[Block]:
             verdict = (
                 f"The dome is NOT a sphere; its shape was solved up to harmonics of degree {solved}"
                 if solved
-                else "The pictures do not fit a sphere, and no bumps explain it; the standard errors of "
-                "directions include that"
+                else "The pictures do not fit a sphere, and a smooth deformation does not explain it; "
+                "the standard errors of directions include that"
             )
         yield Text(
             f"{verdict}. The residuals of an exact sphere vary {_mean(sphere):.2f} times as much as "

@@ -93,7 +93,7 @@ def _differ(how: str) -> str:
 
 
 def _first(verdict: str) -> str:
-    """A verdict on the light without what it says of directions."""
+    """A verdict on the light, without its sentence on directions."""
     return verdict.partition(". Directions: ")[0]
 
 

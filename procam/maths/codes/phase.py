@@ -20,7 +20,7 @@ from procam.arrays import Array, BoolArray
 WIDTH = 1920  # of the panel for which the periods below were chosen; they scale with the width
 SMALLEST_SCALE = 1 / 3  # lenses blur away periods under 16 px
 # By random search among periods of 48 px or more: for any two columns a whole period apart, the five
-# last patterns differ by .85 of the amplitude or more.
+# last patterns differ by 0.85 of the amplitude or more.
 MICRO_PERIODS = (54.83, 49.23, 49.31, 50.09, 50.12, 48.86)
 MICRO_SHIFTS = (2.005, 3.482, 3.077, 4.532, 0.889)
 HETERODYNE_PERIODS = (59.74, 58.05, 50.64)  # found likewise; they differ by 1.08

@@ -1,4 +1,4 @@
-"""Where rays meet a dome that is a sphere, or nearly one (docs/theory/geometry.md (G1))."""
+"""Intersects rays with a dome that is a sphere, or nearly one (docs/theory/geometry.md (G1))."""
 
 from dataclasses import dataclass, field
 

@@ -118,7 +118,7 @@ def sphere_scatter(albedo: Array, solid_angle_sr: Array, returned: float = 0.0) 
     Examples
     --------
     >>> u = sphere_scatter(np.full((1, 1), 0.5), np.array([2 * np.pi]))  # a hemisphere
-    >>> round(float(u[0, 0] * 2 * np.pi), 9)  # m = kappa / (1 - kappa), kappa = .25
+    >>> round(float(u[0, 0] * 2 * np.pi), 9)  # m = kappa / (1 - kappa), kappa = 0.25
     0.333333333
     """
     received = flux(albedo, solid_angle_sr)

@@ -1,4 +1,4 @@
-"""Where rays meet a screen that is a triangle mesh.
+"""Intersects rays with a screen that is a triangle mesh.
 
 Embree finds the face in float32. The point on it is computed in float64: if it lies outside the
 face, neighbours across the nearest edge are tried; on a smooth mesh Newton's method then moves it

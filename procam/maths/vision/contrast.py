@@ -32,7 +32,7 @@ XYZ_FROM_RGB = np.array(
 DKL_FROM_RGB = DKL_FROM_LMS @ LMS_FROM_XYZ @ XYZ_FROM_RGB
 GAINS = np.array([1.0, 1.45, 1.0])  # of the opponent channels
 CORRECTION = 10 ** (-0.2797423303127289 / 20)
-MASKING = 10**-0.7954971194267273 / 2  # half of ColorVideoVDP's: .08
+MASKING = 10**-0.7954971194267273 / 2  # half of ColorVideoVDP's: 0.08
 EXPONENTS = np.array([1.302622675895691, 2.8885908126831055, 3.6807713508605957])
 #: (3, 3) masking of the column's channel by the row's
 CROSS_CHANNEL = 2.0 ** np.array(

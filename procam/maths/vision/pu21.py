@@ -19,7 +19,7 @@ DARKEST, BRIGHTEST = 0.005, 1e4  # cd/m2, what the curve was fitted to
 
 
 def pu21(nits: AnyArray) -> Array:
-    """PU21 units of luminance [cd/m2], which is clipped to .005..10,000.
+    """PU21 units of luminance [cd/m2], which is clipped to 0.005..10,000.
 
     >>> pu21(np.array([0.005, 1.0, 100.0])).round(1).tolist()
     [0.0, 36.5, 256.4]

@@ -11,7 +11,7 @@ from procam.model.frame import CameraSettings, Frame
 from procam.model.optics import Sensor
 
 ATTEMPTS = 3
-BREATH_S = 0.5  # before a photograph is taken again
+BREATH_S = 0.5  # [s] before a retake
 PROBE_STEP = 7  # checks read every 7th pixel: enough to distinguish pictures
 OTHER_PICTURE = 0.05  # mean difference of drives that a photograph must show
 SAME_LIGHT = 0.01  # of the brightest light: photographs of other pictures differ by more
@@ -22,9 +22,9 @@ Pictures = Mapping[str, Image]
 class CheckedCamera:
     """A camera of a rig.
 
-    A photograph of other settings than are in force, or of the picture before, is taken again, twice at
-    most. With `may_look_alike` what looks like the picture before is accepted then: a projector may be
-    dark, which the caller judges.
+    A photograph of other settings than are in force, or of the picture before, is retaken after 0.5 s
+    (`BREATH_S`), twice at most. With `may_look_alike` what looks like the picture before is accepted then:
+    a projector may be dark, which the caller judges.
     """
 
     def __init__(

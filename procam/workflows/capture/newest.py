@@ -1,4 +1,4 @@
-"""Which session of a venue is meant: the newest, to resume and capture; the one that was solved."""
+"""Selects a session of a venue: the newest, to resume and capture, or the one that was solved."""
 
 from collections.abc import Iterator
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""The CSV by which people say which photograph is of which shot."""
+"""The CSV that assigns photographs to shots by hand."""
 
 import csv
 from pathlib import Path
@@ -31,7 +31,7 @@ def read_index(path: Path, plan: Plan, photos: list[Path]) -> dict[str, str]:
 
 
 def _index_lines(path: Path) -> list[list[str]]:
-    """Lines of a CSV, without empty ones and the head; a byte order mark does no harm."""
+    """Lines of a CSV, without empty ones and the head; a byte order mark is skipped."""
     try:
         text = path.read_text("utf-8-sig")
         lines = [line for line in csv.reader(text.splitlines()) if line]

@@ -62,7 +62,7 @@ class SessionImages:
         return frame
 
     def _not_photographed(self) -> str:
-        """What a session that nobody drives lacks of this camera; capture cannot take it again."""
+        """Message on pictures of this camera that a session by hand lacks: `capture` cannot retake them."""
         camera = self.radiometer.camera.name
         missing = [shot.id for shot in missing_shots(self.session, self.plan, [camera])]
         more = f" and {len(missing) - SHOWN} more" if len(missing) > SHOWN else ""

@@ -46,7 +46,7 @@ Counts = NDArray[np.uint16]
 METERINGS = 3
 BRIGHT, DIM = 0.999, 0.1  # quantile looked at, and the share of the best exposure that will do
 GREY = 128 / 255
-SETTLE_S = 0.5  # before a stale picture is taken again
+SETTLE_S = 0.5  # [s] before a stale picture is retaken
 SLOW_S = 1.0  # before a photograph of a projector that is known to be slow
 SETTINGS_OFF = 0.01
 FRACTIONS = (0.5, 0.25)  # of the exposure, for the camera's response
@@ -251,7 +251,7 @@ class ExaminedCamera:
     def photograph(
         self, projector: str, picture: Image, exposure_s: float, *, title: str, wait_s: float
     ) -> Frame:
-        """Photograph a picture (H, W, 3) that has been up for a while; again once if it is stale."""
+        """Photograph a picture (H, W, 3) that has been up for a while; a stale one is retaken once."""
         shown = self.rig.projectors[projector].show(picture)
         self.rig.clock.sleep(wait_s)
         before = self.last
@@ -294,7 +294,7 @@ class ExaminedCamera:
         return frame
 
     def _compare(self, exposure_s: float, frame: Frame) -> None:
-        """Tell if a photograph was not taken as asked for."""
+        """Record a finding if the settings of a photograph differ from those asked for."""
         got, asked = frame.settings, CameraSettings(exposure_s)
         if abs(got.exposure_s / asked.exposure_s - 1) > SETTINGS_OFF or got.gain != asked.gain:
             self.diagnosis.add(

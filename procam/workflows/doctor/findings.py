@@ -1,4 +1,4 @@
-"""The faults of a venue's devices, a line each, and the measurements behind them.
+"""The faults of a venue's devices, one per line, and the measurements behind them.
 
 `Diagnosis` collects both; the `judge_` functions compare measurements with thresholds. The file is
 longer than 300 lines because one place holds every threshold of `procam doctor` beside its message.

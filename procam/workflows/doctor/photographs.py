@@ -1,4 +1,4 @@
-"""What `procam doctor` finds in photographs of a rig that procam does not drive.
+"""Findings of `procam doctor` in photographs of a rig that procam does not drive.
 
 The pictures of `procam patterns` carry their numbers, so any of them will do: white and black of a projector
 give its exposures, a pair of stripes the focus, photographs without a number the room.

@@ -1,4 +1,4 @@
-"""What workflows ask a photographer for, and the photographer that drives devices."""
+"""The photographs that workflows ask for (`Wanted`), and the photographer that drives devices."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -30,8 +30,8 @@ class Wanted:
 class Photographer(Protocol):
     """Who shows pictures and photographs them with one camera, in colour.
 
-    `notes` is what nobody should miss of photographs that were given, a line each; `again` says what to do
-    if they turn out to be bad, or is empty.
+    `notes` are warnings on photographs that were given, one per line; `again` is the advice for photographs
+    that turn out to be bad, or empty.
     """
 
     notes: Sequence[str]

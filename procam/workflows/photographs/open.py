@@ -70,18 +70,18 @@ def photographer_of(
 
 
 def is_by_hand(venue: Venue) -> bool:
-    """Whether people drive all devices."""
+    """Whether all devices are by hand."""
     return set(_backends(venue).values()) == {BY_HAND}
 
 
 def refuse_mixed(venue: Venue) -> None:
-    """Refuse a venue that people drive in part: rounds of photographs and devices cannot take turns."""
+    """Refuse a venue that is by hand in part: rounds of photographs and devices cannot take turns."""
     hand = [name for name, backend in _backends(venue).items() if backend == BY_HAND]
     if hand and not is_by_hand(venue):
         raise InputError(
-            f"{venue.directory / 'venue.toml'}: people drive {', '.join(hand)} and procam the other devices, "
-            "but here it is all or nothing. Remove backend from the others to photograph by hand, or give "
-            f"{hand[0]} a backend"
+            f"{venue.directory / 'venue.toml'}: this command needs all devices driven by procam, or "
+            f"none; {', '.join(hand)} {'is' if len(hand) == 1 else 'are'} by hand. Remove backend from the "
+            f"others to photograph by hand, or give {hand[0]} a backend"
         )
 
 

@@ -1,4 +1,4 @@
-"""What people are asked to photograph, as it is on disk and on the screen."""
+"""Requests for photographs by people, as they are on disk and on the screen."""
 
 import json
 from collections.abc import Sequence

@@ -63,7 +63,7 @@ def receive(
 
     Returns
     -------
-    list : what nobody should miss, a line each.
+    list : warnings, one per line.
 
     Raises
     ------

@@ -145,7 +145,7 @@ class Rounds:
         return self.session.load(self.camera.name, asked.shot, asked.exposure_s, self.camera.size)
 
     def ask(self, wanted: Sequence[Wanted]) -> PhotographsWanted:
-        """Write what is wanted as the next round, in the place of what nobody has photographed."""
+        """Write the wanted photographs as the next round, in place of those not photographed yet."""
         before, self.asked = self.asked, self._stored()
         number, new = self._next_round(), list[Asked]()
         for each in wanted:

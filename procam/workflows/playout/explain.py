@@ -1,4 +1,4 @@
-"""What compensation does to one frame, as pictures."""
+"""Shows as pictures what compensation does to one frame."""
 
 from dataclasses import dataclass
 from pathlib import Path

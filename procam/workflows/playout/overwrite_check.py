@@ -1,4 +1,4 @@
-"""What a run would write, checked before it begins: nothing over what it reads, and nothing twice."""
+"""Checks before a run begins that it writes nothing over what it reads, and nothing twice."""
 
 from collections.abc import Iterable
 from functools import cache

@@ -1,4 +1,4 @@
-"""What the audience will see of one picture, by each method, to choose between them."""
+"""Predicts what the audience will see of one picture, by each method, to choose between them."""
 
 from collections.abc import Mapping
 
@@ -25,7 +25,7 @@ METHODS = (BEFORE, "exact", "least-squares", "perceptual")
 def views(
     calibration: Calibration, clip_frame: ClipFrame, settings: FrameSettings
 ) -> Mapping[str, Image]:
-    """Total light (N, N, 3) by method, and the `TARGET`: what is asked for, which nobody can show.
+    """Total light (N, N, 3) by method, and the `TARGET`: the content, beyond what projectors can show.
 
     Of the settings only state, white, transfer and those of the perceptual method count.
     """
@@ -43,7 +43,7 @@ def views(
 
 
 def lit_solid_angles(calibration: Calibration, size: int) -> Array:
-    """Solid angles (N, N) [sr] of pixels that projectors reach and nobody protects, else 0."""
+    """Solid angles (N, N) [sr] of pixels that projectors reach and that are not protected, else 0."""
     compensator = Compensator(calibration, size, BEFORE)
     lit = compensator.lit & ~compensator.protected
     return np.asarray(calibration.canvas.solid_angles(size) * lit)

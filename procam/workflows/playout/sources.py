@@ -285,7 +285,7 @@ class PipeClip:
         return chain([self._first.result], repeat(self._read))
 
     def write(self, clip_frame: ClipFrame, result: CompensatedFrame) -> None:
-        """Send a frame at once; nobody can read it back."""
+        """Send a frame at once; it cannot be read back."""
         write_frame(self._out, result.rgb)
         self.latency_s.append(time.perf_counter() - clip_frame.received_s)
         result.check(replace(clip_frame, rgb=result.rgb, transfer=result.transfer), MEMORY)

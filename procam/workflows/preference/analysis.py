@@ -1,4 +1,4 @@
-"""What the answers of a preference test show, and what they cannot show."""
+"""Analyses the answers of a preference test: what they show, and what they cannot show."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -96,7 +96,7 @@ def _of_content(answers: Sequence[Answer], name: str) -> list[Answer]:
 
 
 def _compared(plan: Plan, pair: Pair, answers: Sequence[Answer]) -> Compared | None:
-    """None where nobody answered."""
+    """The comparison of a pair; None without answers."""
     own = [answer for answer in answers if plan.pair_of(answer.question) == pair]
     if not own:
         return None

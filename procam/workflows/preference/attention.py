@@ -1,4 +1,4 @@
-"""Signs that an observer did not look, or that answers are missing. Nobody is left out for them."""
+"""Signs that an observer did not look, or that answers are missing. No observer is left out for them."""
 
 from collections.abc import Iterator, Sequence
 from itertools import combinations

@@ -1,4 +1,4 @@
-"""What a preference test is to ask about, checked before anything is computed."""
+"""Checks what a preference test is to ask about, before anything is computed."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

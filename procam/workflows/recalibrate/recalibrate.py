@@ -121,7 +121,7 @@ def _solved(
 
 
 def _chosen(verified: Verified, names: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Projectors to recalibrate, and what else was found, a line each.
+    """Projectors to recalibrate, and other findings, one per line.
 
     Raises
     ------

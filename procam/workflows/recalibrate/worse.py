@@ -1,4 +1,4 @@
-"""What is worse after a repair than before: notes, the fit, and how much a projector lights."""
+"""Finds what is worse after a repair than before: notes, the fit, and how much a projector lights."""
 
 import math
 import re

@@ -17,7 +17,7 @@ from procam.workflows.photographs.driven import Photographer, Wanted
 
 FILL = 0.7  # of full scale, for the brightest content
 ROOM_CHANGE = (
-    0.002  # of white: what the room's light may change by, where a loop finds .1 % of white
+    0.002  # of white: what the room's light may change by, where a loop finds 0.1 % of white
 )
 
 

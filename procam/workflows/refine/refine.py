@@ -78,7 +78,7 @@ class Refined:
         return len(self.residual) - 1
 
     def notes(self) -> list[str]:
-        """What nobody should miss, a line each."""
+        """Warnings, one per line."""
         if abs(self.level - 1) <= SAME_LEVEL:
             return []
         return [

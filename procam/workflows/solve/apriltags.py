@@ -30,7 +30,7 @@ def tag_marks(venue: Venue, tags_seen: Mapping[str, TagObservations]) -> list[Fi
 
 
 def tag_notes(venue: Venue, plan: Plan, tags_seen: Mapping[str, TagObservations]) -> list[str]:
-    """What did not go well with tags, a line each."""
+    """Warnings on the tags, one per line."""
     shown = _shown(plan)
     lines = [
         f"{tag.name}: the pictures of this session carry that number, so it is no mark; "

@@ -82,8 +82,8 @@ def solve(venue: Venue, session: Session) -> Iterator[Event]:
     """Decode, solve the geometry, split the light, fit the projectors, write a calibration.
 
     Geometry from all cameras; light from the one that sees most. Of a media server only the cameras
-    are solved. The last event carries the new directory as `data["calibration"]`; what nobody should
-    miss is in its provenance as "notes".
+    are solved. The last event carries the new directory as `data["calibration"]`; warnings are in
+    its provenance as "notes".
     """
     with recorded(venue.directory, "solve"):
         yield from _solve(venue, session)

@@ -1,4 +1,4 @@
-"""Whether the waves of a code show the light that they should: as much as each other, and as predicted."""
+"""Checks that the sinusoids of a code have equal mean light, as the response predicts."""
 
 from collections.abc import Mapping, Sequence
 
@@ -13,8 +13,8 @@ from procam.workflows.capture.session_images import SessionImages
 
 ODD_LIGHT = 0.1  # relative; waves of different phase differ by a percent, a person takes some
 WAVES = 6  # at least so many of a code, evenly picked, have their light predicted
-# relative, of their median: .002 without a mistake; an unsharp mask of 1.0 makes .04 of waves of 16 px,
-# and .005 of waves of 50 px, to which it does no harm
+# relative, of their median: 0.002 without a mistake; an unsharp mask of 1.0 makes 0.04 of waves of 16 px,
+# and 0.005 of waves of 50 px, where it is harmless
 NOT_PREDICTED = 0.01
 GREEN = 1
 
@@ -27,9 +27,9 @@ def odd_waves(light: Mapping[int, float], shots: Sequence[Shot], name: str) -> l
     planes = {str(s.id): light[int(s.detail["plane"])] - light[1] for s in shots}
     usual = float(np.median(list(planes.values())))
     return [
-        f"projector {name}: {shot} shows {value / usual:.2f} times the light of its other waves: it was "
-        "exposed longer or shorter than it says, or something shone into it, so directions and what is lit "
-        "may be wrong by more than is stated. Photograph again"
+        f"projector {name}: {shot} shows {value / usual:.2f} times the light of its other waves: its "
+        "exposure time differs from the file's, or stray light got in, so directions and what is lit may be "
+        "wrong by more than is stated. Photograph again"
         for shot, value in planes.items()
         if abs(value / usual - 1) > ODD_LIGHT
     ]

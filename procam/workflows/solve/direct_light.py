@@ -1,4 +1,4 @@
-"""What a session's stripes show of a projector's direct light, and whether enough of it was decoded."""
+"""Measures a projector's direct light by a session's stripes, and checks that enough of it was decoded."""
 
 from dataclasses import dataclass
 

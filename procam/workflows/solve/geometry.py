@@ -1,4 +1,4 @@
-"""Decoded pictures and a venue's marks solved to a rig; what does not fit is named."""
+"""Solves the rig from decoded pictures and a venue's marks, and names what does not fit."""
 
 from collections.abc import Mapping, Sequence
 
@@ -41,7 +41,7 @@ def rig_problem(
 
 
 def solve_rig(problem: RigProblem) -> tuple[GeometrySolution, str, list[str]]:
-    """The solved rig, a verdict on the screen's shape, and what nobody should miss, a line each.
+    """The solved rig, a verdict on the screen's shape, and warnings, one per line.
 
     Raises
     ------
@@ -92,11 +92,12 @@ def _verdict(found: GeometrySolution) -> str:
     degree, alone = found.rig.shape.degree, len(found.rig.cameras) == 1
     if not degree:
         return (
-            f"the pictures do not fit a sphere {ratio}, and no bumps explain it: the lens is of another kind "
-            'than it is solved as, or "fixed" and not exact, the dome is uneven, or a device moved; standard '
-            "errors of directions include that"
+            f"the pictures do not fit a sphere {ratio}, and a smooth deformation does not explain it. "
+            'Likely: the wrong lens model, a "fixed" lens that is off, panel seams, or a device that moved. '
+            "Standard errors of directions include that"
         )
     caveat = (
         ", which one camera cannot tell from a wrong lens; a second camera can" if alone else ""
     )
-    return f"the dome is NOT a sphere {ratio}; bumps up to degree {degree} were solved{caveat}"
+    shape = f"its shape was solved up to harmonics of degree {degree}"
+    return f"the dome is NOT a sphere {ratio}; {shape}{caveat}"

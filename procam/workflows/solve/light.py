@@ -34,7 +34,7 @@ from procam.workflows.solve.mirrored import check_not_mirrored
 
 GREEN = 1
 # departures from exponent 1: a tone curve, refused first; then what is refused if light held still
-# (drift of a percent between photographs makes .02)
+# (drift of a percent between photographs makes 0.02)
 TONE_CURVE, NOT_LINEAR = 0.3, 0.05
 CERTAIN = 5.0  # sigmas
 SATURATED = 0.005  # of the screen: white paper on it, glints

@@ -1,7 +1,7 @@
-"""Whether black's long exposure is what it says, by pictures photographed at both exposures.
+"""Measures the true ratio of the two exposure times, by pictures photographed at both.
 
-A dim picture at the end shows whether long exposures are what they say; black itself, whether that of one
-projector was an exception.
+A dim picture at the end of a session gives the ratio of all long exposures; black itself shows whether that
+of one projector was an exception.
 """
 
 from dataclasses import replace
@@ -21,14 +21,14 @@ ENCODED = (
     0.02  # standard error: JPEG moves dim colours towards grey, by a third of a count of 8 bits
 )
 BLACK_NOTED = (
-    0.1  # departure from 1; a short photograph of black is so dim that .05 may be the camera's
+    0.1  # departure from 1; a short photograph of black is so dim that 0.05 may be the camera's
 )
 
 
 def with_long_exposure(images: SessionImages) -> tuple[SessionImages, list[str]]:
-    """The images, of which long ones count as long as they were really exposed, and a note if that matters.
+    """Images rescaled to the measured exposure time, and a warning if it differs.
 
-    Where that cannot be known a note says so.
+    Where it cannot be measured, the warning is that it is not checked.
 
     Raises
     ------
@@ -64,7 +64,7 @@ def with_long_exposure(images: SessionImages) -> tuple[SessionImages, list[str]]
             "black_exposure_s that the camera can do"
         )
     return replace(images, long_exposure=ratio), [
-        f"{found}; black counts as measured with that. Check the longest exposure that the camera can "
+        f"{found}; black is rescaled to that. Check the longest exposure that the camera can "
         "do, and [capture] black_exposure_s"
     ]
 
@@ -82,8 +82,8 @@ def black_notes(images: SessionImages, name: str) -> list[str]:
         return []
     return [
         f"projector {name}: its black is {ratio:.3g} times as bright at {shot.exposures_s[0]:g} s as at "
-        f"{shot.exposures_s[1]:g} s; a photograph of black or of the dark was exposed longer or shorter "
-        "than it says, or something shone into it. Photograph again; until then black is wrong"
+        f"{shot.exposures_s[1]:g} s; the exposure time of a photograph of black or of the dark "
+        "differs from its file's, or stray light got in. Photograph again; until then black is wrong"
     ]
 
 

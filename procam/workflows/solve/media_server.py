@@ -1,4 +1,4 @@
-"""Where cameras stood that photographed a dome behind a media server."""
+"""Solves where cameras stood that photographed a dome behind a media server."""
 
 from collections.abc import Sequence
 
@@ -52,7 +52,7 @@ def server_rig(
 
 
 def server_notes(venue: Venue, master: DomeMaster, placed: dict[str, PlacedCamera]) -> list[str]:
-    """What nobody should miss of the tags, a line each."""
+    """Warnings on the tags, one per line."""
     lines = [
         f"camera {name}: {', '.join(each.dropped)} left out, far from where the others place them"
         for name, each in placed.items()

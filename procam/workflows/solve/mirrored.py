@@ -1,4 +1,4 @@
-"""Whether a projector shows its pictures as they are, not mirrored or upside down, in all photographs."""
+"""Checks that a projector shows its pictures as they are, not mirrored or upside down, in all photographs."""
 
 from collections.abc import Callable, Mapping
 

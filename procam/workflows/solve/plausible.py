@@ -1,4 +1,4 @@
-"""What must not be written: a picture beyond the dome's rim, light that is no number, an uneven picture."""
+"""Refuses what must not be written: a picture beyond the rim, light that is no number, uneven pictures."""
 
 from collections.abc import Mapping
 

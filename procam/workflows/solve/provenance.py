@@ -1,4 +1,4 @@
-"""Where a calibration comes from: versions, hashes of what went in, and what a person set."""
+"""Provenance of a calibration: versions, hashes of what went in, and what a person set."""
 
 import hashlib
 import platform

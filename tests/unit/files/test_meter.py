@@ -50,7 +50,7 @@ class TestReading:
         assert str(red) == "red of south at azimuth -10.5, elevation 42 deg"
 
     def test_published_white(self, tmp_path: Path) -> None:
-        """D65: x .31271, y .32902 is X .95043, Z 1.08890 (CIE 15)."""
+        """D65: x 0.31271, y 0.32902 is X 0.95043, Z 1.08890 (CIE 15)."""
         path = write(tmp_path, HEADER, "south,white,0,40,1,0.31271,0.32902")
         assert read_meter(path, PROJECTORS)[0].xyz == pytest.approx([0.95045, 1, 1.08890], abs=3e-5)
 

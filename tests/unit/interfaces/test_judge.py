@@ -25,7 +25,7 @@ LIT = np.arange(100).reshape(10, 10) >= 10
 
 
 def visible_errors(drawn: float, black: float, spoilt: int = 0) -> dict[str, float]:
-    """Of a picture that asks for direct light of 1 and gets .2 of bounced light where .186 was meant.
+    """Of a picture that asks for direct light of 1 and gets 0.2 of bounced light where 0.186 was meant.
 
     `spoilt` lit pixels, and all that are not lit, are wrong by far.
     """

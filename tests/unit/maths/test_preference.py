@@ -27,7 +27,7 @@ def within(found: float, expected: float) -> bool:
 
 class TestPreference:
     def test_the_interval_of_three_by_hand(self) -> None:
-        """Mean .6, sigma .1; with 2 degrees of freedom P(|T| > x) = 1 - x / sqrt(2 + x^2)."""
+        """Mean 0.6, sigma 0.1; with 2 degrees of freedom P(|T| > x) = 1 - x / sqrt(2 + x^2)."""
         found = preference(np.array([0.5, 0.6, 0.7]))
         half = 0.95 * math.sqrt(2 / (1 - 0.95**2)) * 0.1 / math.sqrt(3)
         assert (found.observers, found.first, found.second) == (3, 2, 0)
@@ -103,7 +103,7 @@ class TestDistance:
         assert jod(0.25) == pytest.approx(-1.0, abs=CLOSED_FORM)
 
     def test_distances_add(self, rng: np.random.Generator) -> None:
-        """Of three qualities on a line, as Thurstone has them; one JOD is sigma sqrt(2) Phi^-1(.75)."""
+        """Of three qualities on a line, as Thurstone has them; one JOD is sigma sqrt(2) Phi^-1(0.75)."""
         quality = np.array([0.0, 0.4, 1.1])
         seen = quality[:, None] + rng.normal(0, 1, (3, 400_000))
         near, far, both = (np.mean(seen[b] > seen[a]) for a, b in ((0, 1), (1, 2), (0, 2)))
@@ -145,7 +145,7 @@ class TestPower:
         assert needed == observers_needed(1 - share, sigma)
 
     def test_more_are_needed_than_a_normal_distribution_says(self) -> None:
-        """By about two, for small samples: (1.96 + .8416)^2 (sigma / difference)^2."""
+        """By about two, for small samples: (1.96 + 0.8416)^2 (sigma / difference)^2."""
         normal = (1.959964 + 0.841621) ** 2 * (0.2 / 0.1) ** 2
         assert normal < 32
         assert observers_needed(0.6, 0.2) == 34

@@ -102,7 +102,7 @@ class TestFindings:
             "direction_sigma_arcmin": "not shown",
             "coverage": "pass",
             "feedback": "pass",
-            "albedo": "fail",  # .57 of blue
+            "albedo": "fail",  # 0.57 of blue
             "loop_own_jnd": "not shown",  # not measured
             "loop_unseen_residual": "pass",  # the value after, not the one before
         }

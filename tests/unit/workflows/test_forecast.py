@@ -34,7 +34,7 @@ FLOAT32 = 2e-6  # maps and pictures are float32
 
 
 def _plan(**changes: Any) -> PlannedDome:
-    """A hemisphere of albedo .5, all of it lit, over a black floor."""
+    """A hemisphere of albedo 0.5, all of it lit, over a black floor."""
     usual = {"albedo_sigma": 0.0, "coverage": 1.0, "reflecting": 1.0, "contrast": 2000.0}
     return PlannedDome(**{"screen": HEMISPHERE, "albedo": 0.5} | usual | changes)
 

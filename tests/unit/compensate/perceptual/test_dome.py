@@ -293,7 +293,7 @@ class TestTypes:
         sent = Compensator(calibration, SIZE, "perceptual").frame(picture)
         light = Compensator(calibration, SIZE, "perceptual").frame(decoded)
         asked = 255 * np.asarray(transfer("srgb").encode(np.clip(light, 0, 1)))
-        assert abs(float((sent - asked)[light > 0.01].mean())) < 0.05  # rounding down would be -.5
+        assert abs(float((sent - asked)[light > 0.01].mean())) < 0.05  # rounding down would be -0.5
 
     def test_in_place(self, calibration: Calibration, dusk: np.ndarray) -> None:
         expected = Compensator(calibration, SIZE, "perceptual").frame(dusk)

@@ -111,7 +111,7 @@ class TestLevels:
             unit = each.direction / np.linalg.norm(each.direction, axis=1)[:, None]
             frequencies.append(FaceLevels(unit, each.area).frequency(0))
         assert 1.7 < frequencies[1] / frequencies[0] < 2.3
-        # 256 faces on half a sphere: neighbours about 7 degrees apart, .07 cycles per degree
+        # 256 faces on half a sphere: neighbours about 7 degrees apart, 0.07 cycles per degree
         assert 0.05 < frequencies[1] < 0.12
 
 

@@ -75,7 +75,7 @@ def test_the_guard_counts_luminance_and_colours(rng: np.random.Generator) -> Non
     seen = target + np.float32(0.1)
     units = [pu21(light[0] * WHITE) for light in (seen, target)]
     error = float((weight * (units[0] - units[1]) ** 2).sum())
-    # the same error in all colours and in luminance: 1 + 3 times .1
+    # the same error in all colours and in luminance: 1 + 3 times 0.1
     assert Guard(target, weight, WHITE).of(seen)[0] == pytest.approx(1.3 * error, rel=1e-3)
 
 

@@ -88,7 +88,7 @@ class TestTruth:
             rng = np.random.default_rng(seed)
             fit = fit_camera(pinhole_views(rng, PINHOLE, 8), SIZE, "brown")
             scores.append(z_scores(fit.lens, PINHOLE, fit.covariance))
-        # eight independent sets: the rms of a parameter's z is within 1 +- .7 if its sigma is right
+        # eight independent sets: the rms of a parameter's z is within 1 +- 0.7 if its sigma is right
         assert 0.5 * 0.7 < np.sqrt(np.mean(np.square(scores))) < 1.2
         assert np.mean(np.abs(scores) <= 2) >= 0.9
 
@@ -123,7 +123,7 @@ class TestTruth:
 
 
 class TestRealFisheye:
-    """BabelCalib's "ov plane" reports .482 px on its training pictures and .475 px on the others."""
+    """BabelCalib's "ov plane" reports 0.482 px on its training pictures and 0.475 px on the others."""
 
     @staticmethod
     def views(split: str) -> list[BoardView]:

@@ -84,7 +84,7 @@ class TestEarlyClipping:
     def test_pixels_that_saturate_at_slightly_different_levels(
         self, rng: np.random.Generator
     ) -> None:
-        """Within .03 % of each other, as by different black levels; half of white is clipped."""
+        """Within 0.03 % of each other, as by different black levels; half of white is clipped."""
         sound = self.white(rng, 14, 100, 0.8)
         ends = np.median(sound) * (1 + rng.normal(0, 3e-4, sound.shape))
         clipped = np.minimum(sound, np.rint(ends)).astype(np.uint16)

@@ -30,7 +30,7 @@ PANEL = (1280, 800)
 
 @pytest.fixture
 def taken(rng: np.random.Generator) -> tuple[NDArray[np.uint16], NDArray[np.uint16]]:
-    """White at .05 s and black at 5 s."""
+    """White at 0.05 s and black at 5 s."""
     white, _ = scene()
     return photograph(white, 0.05, rng), photograph(BLACK_SHARE * white, 5.0, rng)
 

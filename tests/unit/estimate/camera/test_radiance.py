@@ -108,7 +108,7 @@ def test_pixels_beyond_the_fold_of_a_lens_are_not_seen() -> None:
     camera = _camera()
     folding = replace(camera.lens, distortion=np.array([-0.1, 0.0, 0.0, 0.0]))
     radius = np.hypot(*(np.indices(SIZE[::-1]) - camera.lens.centre[::-1, None, None]))
-    theta = np.sqrt(1 / 0.3)  # where theta - .1 theta^3 is largest
+    theta = np.sqrt(1 / 0.3)  # where theta - 0.1 theta^3 is largest
     fold_px = 14 * theta * (1 - 0.1 * theta**2)
     seen = Radiometer(replace(camera, lens=folding)).seen
     assert 10 < fold_px < min(SIZE) / 2

@@ -46,7 +46,7 @@ def test_an_exact_curve_comes_back(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_blocks_that_do_not_fit_count_little(
     monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator
 ) -> None:
-    """One of twenty is off by .2 of the range, as where something moves."""
+    """One of twenty is off by 0.2 of the range, as where something moves."""
     monkeypatch.setattr(response_fit, "SHUTTER_SIGMA", 1e-5)
     curve, fit = curve_and_fit()
     blocks = fit.blocks

@@ -45,7 +45,7 @@ class TestBracketFor:
 class TestMergedFrame:
     def test_keeps_the_light_and_is_less_noisy_in_the_dark(self, rng: np.random.Generator) -> None:
         rate = np.full((60, 60, 3), 200.0)
-        rate[:, 30:] = 30000.0  # clips at .4 s
+        rate[:, 30:] = 30000.0  # clips at 0.4 s
         frames = [_frame(rate, exposure_s, rng) for exposure_s in (0.4, 0.1)]
         merged = merged_frame(frames, SENSOR, NOISE)
         assert merged.settings.exposure_s == 0.1

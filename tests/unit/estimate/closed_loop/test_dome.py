@@ -112,7 +112,7 @@ class TestLoop:
     def test_no_more_than_twice_what_was_measured_is_asked_of_a_faint_border(
         self, calibration: Calibration, cells: LoopCells, direct: Image
     ) -> None:
-        """Coverage .1 with a limit of .3: the two are not of one measurement, and .3 / .1 is no limit."""
+        """Coverage 0.1 with a limit of 0.3: the two are not of one measurement, and 0.3 / 0.1 is no limit."""
         elevation = np.arcsin(np.clip(master_directions(96)[0][..., 2], -1, 1))
         faint = elevation < np.radians(45)
         maps = replace(
@@ -181,7 +181,7 @@ class TestLearn:
     def test_stray_light_of_a_bright_neighbour_is_part_of_the_uncertainty(
         self, loop: DomeLoop, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        """A twentieth of the step from .5 to black, up to three cells from it; noise is far smaller."""
+        """A twentieth of the step from 0.5 to black, up to three cells from it; noise is far smaller."""
         learnt: list[LoopObservation] = []
         monkeypatch.setattr(loop.state, "learn", learnt.append)
         loop.learn(loop.goal, _sigma(), 4)

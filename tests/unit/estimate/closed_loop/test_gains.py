@@ -29,7 +29,7 @@ def test_noise_is_not_learnt(rng: np.random.Generator) -> None:
 
 
 def test_light_that_no_gain_explains_is_not_a_gain_of_dark_cells(rng: np.random.Generator) -> None:
-    """A veil of .05 % of white is a hundredth of the light of a dark cell."""
+    """A veil of 0.05 % of white is a hundredth of the light of a dark cell."""
     asked = np.where(np.arange(CELLS) % 2 == 0, 0.05, 0.8)
     truth = rng.normal(0, 0.02, CELLS)
     veil = np.where(asked < 0.1, 5e-4, 0.0)
@@ -44,7 +44,7 @@ def test_light_that_no_gain_explains_is_not_a_gain_of_dark_cells(rng: np.random.
 
 
 def test_the_level_of_one_picture_is_not_trusted_to_a_thousandth() -> None:
-    """Levels differ by about .2 % between pictures; a lamp that aged changes more."""
+    """Levels differ by about 0.2 % between pictures; a lamp that aged changes more."""
     asked = np.full(CELLS, 0.4)
     np.testing.assert_allclose(_learnt(0.001 * asked, asked, 1e-4), 0.0002, rtol=0.01)
     np.testing.assert_allclose(_learnt(-0.05 * asked, asked, 1e-4), -0.05, rtol=0.01)

@@ -195,7 +195,7 @@ class TestCommonErrors:
 
 class TestRules:
     def test_photographs_are_as_many_as_a_jnd_needs(self) -> None:
-        light = np.full(100, 1.0)  # its JND is .7 % of white
+        light = np.full(100, 1.0)  # its JND is 0.7 % of white
         for sigma, wanted in ((0.0, MIN_PHOTOGRAPHS), (0.009, 7), (0.02, MAX_PHOTOGRAPHS)):
             assert photographs_needed(np.full(100, sigma), light) == wanted
 

@@ -385,7 +385,7 @@ class TestSolvedRigs:
         ("focal", "k1", "kind"),
         [
             (1.0, 0.0, "agree"),
-            (1.0005, 0.0, "lens"),  # focal lengths that differ by .05 %
+            (1.0005, 0.0, "lens"),  # focal lengths that differ by 0.05 %
             (1.0, 0.002, "agree"),  # symmetric about the axis: only a tilt would show it
         ],
     )

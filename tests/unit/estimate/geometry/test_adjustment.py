@@ -110,7 +110,7 @@ def test_a_prior_stays_where_venue_toml_has_it() -> None:
     known = problem.cameras["zenith"].lens.focal
     assert found.cameras["zenith"].lens.focal == pytest.approx(
         known, rel=1e-3
-    )  # marks pull by .03 %
+    )  # marks pull by 0.03 %
 
 
 def test_outliers_do_not_move_the_robust_solution() -> None:

@@ -113,7 +113,7 @@ def test_stated_errors_are_those_of_directions(preset: Preset, cameras: int, see
 
 
 def test_a_dome_that_is_hardly_out_of_round_is_within_its_errors() -> None:
-    """By .1 mm per metre: too little to be solved for; one camera and one projector bend to fit it."""
+    """By 0.1 mm per metre: too little to be solved for; one camera and one projector bend to fit it."""
     ratios = []
     for seed in range(40, 45):
         dome = SimulatedDome.build(seed, replace(STANDARD, ovality=1e-4), projectors=1, cameras=1)

@@ -114,7 +114,7 @@ class TestSquarePixels:
         assert max(found.scale.values()) < MAX_SPHERE_RATIO
 
     def test_what_all_panels_share_is_hardly_seen_and_their_differences_are(self) -> None:
-        """Errors of .1 % in common, and of 1e-5 of each panel."""
+        """Errors of 0.1 % in common, and of 1e-5 of each panel."""
         rig = SimulatedDome.build(4, projectors=3, cameras=1).rig()
         layout = ParameterLayout.of(rig)
         common, covariance = np.zeros(layout.count), np.zeros((layout.count, layout.count))

@@ -13,7 +13,7 @@ from procam.estimate.light.colour_spaces import (
     xyy_from_xyz,
 )
 
-# W3C, CSS Color Module Level 4, from x .3127, y .3290
+# W3C, CSS Color Module Level 4, from x 0.3127, y 0.3290
 SRGB = np.array(
     [
         [0.4123908, 0.3575843, 0.1804808],
@@ -73,7 +73,7 @@ def from_lab(lab: tuple[float, float, float], white: np.ndarray) -> np.ndarray:
 
 class TestColours:
     def test_chromaticity(self) -> None:
-        """White of sRGB: x .3127, y .3290 (IEC 61966-2-1)."""
+        """White of sRGB: x 0.3127, y 0.3290 (IEC 61966-2-1)."""
         found = xyy_from_xyz(80 * SRGB.sum(axis=1))
         assert found == pytest.approx([0.3127, 0.3290, 80.0], abs=5e-5)
 
@@ -153,7 +153,7 @@ class TestGamut:
         assert found == pytest.approx(np.zeros(3), abs=DIGITS)
 
     def test_outside(self) -> None:
-        """P3 red on Rec.709: from grey .2290 down to green -.0421; P3 green: from .6917 to red -.2249."""
+        """P3 red on Rec.709: from grey 0.2290 down to green -0.0421; P3 green: from 0.6917 to red -0.2249."""
         matrix = content_from_rgb("P3-D65", SRGB)
         found = unshown_saturation(matrix, SRGB)
         red, green = 0.0420570 / (0.2289746 + 0.0420570), 0.2249402 / (0.6917385 + 0.2249402)

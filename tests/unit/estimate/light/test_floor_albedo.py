@@ -144,7 +144,7 @@ def test_a_floor_that_may_be_lower_widens_what_it_returns() -> None:
 
 
 def test_depths_weigh_by_their_agreement_with_venue_toml(furnished: TracedRoom) -> None:
-    """The room's floor of .3 is in the rim's plane: an owner who says so rules the lowest out."""
+    """The room's floor of 0.3 is in the rim's plane: an owner who says so rules the lowest out."""
     per_flux, white = furnished.known()
     found = [furnished.scatter_sample(lit, 0.0) for lit in parts()]
     floor = measure_floor(found, per_flux, white, Dome(6.0, np.pi / 2, TILT, 0.3, 0.03), 0.5)
@@ -157,7 +157,7 @@ def test_depths_weigh_by_their_agreement_with_venue_toml(furnished: TracedRoom) 
 
 @pytest.mark.parametrize("drop_m", [1.2, 2.1])
 def test_a_low_floor_returns_what_the_wall_above_it_does_too(drop_m: float) -> None:
-    """A floor of .1 and a wall of .25, and an owner who knows the floor alone."""
+    """A floor of 0.1 and a wall of 0.25, and an owner who knows the floor alone."""
     room = TracedRoom(0.1, deck_drop_m=drop_m, wall_albedo=0.25, tilt_deg=0.0)
     per_flux, white = room.known()
     dome = Dome(6.0, np.pi / 2, 0.0, 0.1, 0.03)

@@ -45,7 +45,7 @@ def test_a_tilted_dome_has_a_level_floor() -> None:
 
 
 def test_the_slope_is_what_a_brighter_floor_changes() -> None:
-    """Central difference of rooms whose floors are .01 brighter and darker."""
+    """Central difference of rooms whose floors are 0.01 brighter and darker."""
     dome = Dome(6.0, np.pi / 2)
     ahead = master_directions(CELLS)[0][..., 0].ravel() > 0.3
     white = np.where(ON_CAP, master_solid_angles(CELLS).ravel(), 0.0)

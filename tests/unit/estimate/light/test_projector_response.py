@@ -67,7 +67,7 @@ class TestTiles:
         assert min(abs(d) for d in known) <= TILE_MARGIN_PX + 0.5
 
     def test_levels_are_pure_where_defocus_mixes_neighbours(self) -> None:
-        """A blur of 1.5 projector pixels changes no level that is used by .1 % of white."""
+        """A blur of 1.5 projector pixels changes no level that is used by 0.1 % of white."""
         width, height = self.size
         xy = np.stack(np.meshgrid(np.arange(width), np.arange(height)), -1).astype(np.float32)
         level = tile_levels(self.picture, xy, np.ones((height, width), bool))

@@ -25,7 +25,7 @@ def view() -> DomeView:
 
 
 def scattered(rng: np.random.Generator) -> np.ndarray:
-    """Smooth light with .5 % of noise, and paint that is uneven by 5 %."""
+    """Smooth light with 0.5 % of noise, and paint that is uneven by 5 %."""
     x, y, _ = np.moveaxis(view().direction, -1, 0)
     smooth = 0.05 + 0.01 * x - 0.02 * y + 0.01 * x * y
     smooth *= 1 + 0.05 * np.sin(9 * x) * np.sin(7 * y)

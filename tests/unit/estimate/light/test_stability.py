@@ -108,7 +108,7 @@ def test_large_changes_are_refused(change: dict[str, float], message: str) -> No
 
 @pytest.mark.parametrize(("surplus", "notes"), [(0.012, 0), (0.02, 1)])
 def test_scattered_light_of_shot_marks_is_no_change_of_the_room(surplus: float, notes: int) -> None:
-    """At most .3 of the light of marks that fill 5 % of the panel scatters to any place."""
+    """At most 0.3 of the light of marks that fill 5 % of the panel scatters to any place."""
     white, pattern, inverse = pictures(np.random.default_rng(5))
     found = StabilityChecks(white, np.ones((SIZE, SIZE), bool))
     found.add("7 and 8", [pattern + surplus, inverse], mark_share=0.05)
@@ -170,7 +170,7 @@ class TestMovedCamera:
         ("turn", "scale"), [(0.005, 0.0), (0.0, 0.005)], ids=["turned", "refocused"]
     )
     def test_a_picture_that_turned_or_changed_its_scale(self, turn: float, scale: float) -> None:
-        """By .2 to .25 px at the borders, where its mean shift is none."""
+        """By 0.2 to 0.25 px at the borders, where its mean shift is none."""
         rng = np.random.default_rng(1)
         full = np.ones((SIZE, SIZE))
         white, after = (self.seen(rng, 0, full), self.seen(rng, 0, full))

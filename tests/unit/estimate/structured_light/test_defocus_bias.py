@@ -80,7 +80,7 @@ class View:
 def test_a_slope_of_light_goes_into_the_standard_error(turn: float) -> None:
     view = View(Light(0.015), Light(-0.012), turn)
     before = view.errors(view.seen()[0])
-    # Tweedie: variance times gradient of the logarithm, at the middle 4 x .015 and -2.25 x .012
+    # Tweedie: variance times gradient of the logarithm, at the middle 4 x 0.015 and -2.25 x 0.012
     assert before[:, 0].mean() == pytest.approx(0.06, abs=0.015)
     assert before[:, 1].mean() == pytest.approx(-0.027, abs=0.01)
     after = view.corrected()
@@ -101,7 +101,7 @@ def test_a_straight_border(axis: int, turn: float) -> None:
     found, _ = view.seen()
     after = view.corrected()
     away = (view.truth[..., axis] - 55.3) / SIGMA[axis]
-    # nearer than this none is left, farther all are; borders are known to a camera pixel, .3 sigma
+    # nearer than this none is left, farther all are; borders are known to a camera pixel, 0.3 sigma
     assert not after.valid[away < NEAREST_SIGMAS - 0.6].any()
     assert after.valid[away > NEAREST_SIGMAS].mean() > 0.99
     inner = np.zeros(SHAPE, bool)

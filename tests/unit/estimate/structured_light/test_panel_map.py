@@ -21,7 +21,7 @@ NOISE = 0.2
 
 
 def panel_from_camera(place: np.ndarray) -> np.ndarray:
-    """A turned, tilted and bulging view (..., 2), about .6 projector px per camera pixel."""
+    """A turned, tilted and bulging view (..., 2), about 0.6 projector px per camera pixel."""
     u, v = (place[..., 0] - 260) / 260, (place[..., 1] - 200) / 200
     x = 160 + 150 * u + 25 * v + 14 * u * v + 9 * u**2 - 6 * u**3
     y = 120 + 118 * v - 16 * u - 10 * u * v + 8 * v**2 + 5 * u**2 * v

@@ -144,7 +144,7 @@ class TestDrift:
         assert "Calibration 0003 is compared with 0002" in drift
         assert "differ by more than noise explains: Feedback m, green." in drift
         row = re.search(r"<tr><td>Feedback m, green</td>(.*?)</tr>", drift)
-        # .029 over sqrt(2) .003
+        # 0.029 over sqrt(2) 0.003
         cells = re.findall(r"<td>(.*?)</td>", row[1]) if row else []
         assert cells == ["0.331", "0.36", "0.029", "6.8 *"]
         assert "<td>Share of the dome that is lit</td>" in drift

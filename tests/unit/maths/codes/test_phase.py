@@ -71,7 +71,7 @@ class TestCodes:
     @pytest.mark.parametrize("size", [(320, 200), (1920, 1200), (3840, 2160)])
     @pytest.mark.parametrize("make", [micro_waves, heterodyne_waves])
     def test_no_two_columns_have_similar_samples(self, make: object, size: tuple[int, int]) -> None:
-        """Samples of columns a period or more apart differ by .7 of the amplitude at least."""
+        """Samples of columns a period or more apart differ by 0.7 of the amplitude at least."""
         waves = make(size)
         # columns that agree in the first period are whole periods apart
         period = waves.periods[0]
@@ -163,7 +163,7 @@ class TestFit:
         assert (margin > 0.1 * 50.0**2).all()
 
     def test_margin_is_how_much_worse_the_runner_up_fits(self, rng: np.random.Generator) -> None:
-        """Against all columns in steps of .02 px."""
+        """Against all columns in steps of 0.02 px."""
         samples = photograph(MICRO, DISTORTION, columns(rng, 40), 100.0, 50.0)
         samples += rng.normal(0, 2, samples.shape)
         keep = rng.random(samples.shape) < 0.9

@@ -15,7 +15,7 @@ ALBEDO = np.array([[0.8], [0.4]])
 
 
 def test_two_plates() -> None:
-    """B1 = e1 + .4 b2 and b2 = e2 + .2 b1, so b1 = (e1 + .4 e2) / (1 - .08)."""
+    """B1 = e1 + 0.4 b2 and b2 = e2 + 0.2 b1, so b1 = (e1 + 0.4 e2) / (1 - 0.08)."""
     direct = np.array([[1.0], [0.5]])
     first = (1 + 0.4 * 0.5) / (1 - 0.08)
     total = add_mesh_interreflection(direct, ALBEDO, FACTORS)

@@ -18,7 +18,7 @@ SHAPE = (45, 38)
 
 class TestPu21:
     def test_ends_and_a_hundred(self) -> None:
-        # the authors fixed the scale so that .005 is 0 and 100 cd/m2 is 256
+        # the authors fixed the scale so that 0.005 is 0 and 100 cd/m2 is 256
         np.testing.assert_allclose(pu21(np.array([0.0, 0.005, 100.0])), [0, 0, 256], atol=0.5)
         assert pu21(np.array(2e4)) == pu21(np.array(1e4))
 
@@ -61,7 +61,7 @@ class TestContrast:
         assert (np.diff(sensitivity(0, 4.0, np.array([0.01, 0.1, 1, 10]))) > 0).all()
 
     def test_values_of_the_table(self) -> None:
-        # nodes are 32 steps from .005 to 10,000 cd/m2 and from .1 to 64 cycles per degree
+        # nodes are 32 steps from 0.005 to 10,000 cd/m2 and from 0.1 to 64 cycles per degree
         nits, frequency = np.geomspace(0.005, 1e4, 32), np.geomspace(0.1, 64, 32)
         with np.load(Path(str(contrast.__file__)).with_name("castle_csf.npz")) as stored:
             log = stored["log_sensitivity"]
@@ -119,7 +119,7 @@ class TestPyramid:
 
     def test_levels_reach_the_lowest_frequency_or_few_pixels(self) -> None:
         ones = np.ones((256, 256), np.float32)
-        assert len(Pyramid(ones, 1.0)) == 2  # .5 and .08 cycles per degree: below .1
+        assert len(Pyramid(ones, 1.0)) == 2  # 0.5 and 0.08 cycles per degree: below 0.1
         assert len(Pyramid(ones, 1000.0)) == 6  # 256 to 4 px
         assert Pyramid(ones, 20.0).frequency(0) == 10
         assert Pyramid(ones, 20.0).frequency(2) == pytest.approx(10 * 0.3228 / 4)
