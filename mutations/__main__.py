@@ -1,7 +1,7 @@
 """Make the mistakes of list.toml, one at a time, and run the tests that must notice them.
 
 python -m mutations          all of them; writes results.md beside this file
-python -m mutations WORD...  those with one of the words in their name or file; writes nothing
+python -m mutations WORD...  those with a word in their name, definition or tests; writes nothing
 
 Every mutation gets a copy of the tree of its own, so the working tree is never touched. First the same
 tests run without any mutation. Exit 1 if fewer than `GOAL` are killed, 2 if a run means nothing.
@@ -14,6 +14,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+from mutations.definitions import read_definitions
 from mutations.mutant import Broken, Mutation, Outcome, copied, failure, read_mutations, tried
 
 HERE = Path(__file__).parent
@@ -25,7 +26,7 @@ JOBS = int(os.environ.get("JOBS", "2"))
 def main(words: Sequence[str]) -> int:
     """Try the mutations that the words choose, or all."""
     every = read_mutations(HERE / "list.toml")
-    chosen = [m for m in every if not words or any(w in f"{m.name} {m.file}" for w in words)]
+    chosen = [m for m in every if is_chosen(m, words)]
     try:
         check_unmutated(chosen)
         outcomes = list(tried_all(chosen))
@@ -39,11 +40,19 @@ def main(words: Sequence[str]) -> int:
     return int(killed < GOAL * len(outcomes))
 
 
+def is_chosen(mutation: Mutation, words: Sequence[str]) -> bool:
+    """Whether a mutation has one of the words, or no word is given."""
+    text = " ".join([mutation.name, mutation.definition, *mutation.tests])
+    return not words or any(word in text for word in words)
+
+
 def check_unmutated(mutations: Sequence[Mutation]) -> None:
-    """Refuse tests that fail, or kernels that do not build, without any mutation."""
+    """Refuse old texts that are gone, tests that fail and kernels that do not build without any mutation."""
+    definitions = read_definitions(ROOT)
+    changed = [m.find(definitions) for m in mutations]
     targets = sorted({test for m in mutations for test in m.tests})
     with tempfile.TemporaryDirectory() as folder:
-        copy = copied(ROOT, Path(folder) / "tree", kernels=any(m.is_kernel for m in mutations))
+        copy = copied(ROOT, Path(folder) / "tree", kernels=any(d.is_c for d in changed))
         with ThreadPoolExecutor(JOBS) as pool:
             for found in pool.map(lambda test: failure(copy, [test]), targets):
                 if found:
@@ -71,10 +80,10 @@ def table(outcomes: Sequence[Outcome]) -> Iterator[str]:
         yield from ("", "| survivor | in | why it may live |", "|---|---|---|")
     for o in survivors:
         argument = o.mutation.lives or "no argument: it needs a test"
-        yield f"| {o.mutation.name} | {o.mutation.file} | {argument} |"
+        yield f"| {o.mutation.name} | {o.mutation.definition} | {argument} |"
     yield from ("", "| killed | in | by |", "|---|---|---|")
     for o in killed:
-        yield f"| {o.mutation.name} | {o.mutation.file} | {o.killer} |"
+        yield f"| {o.mutation.name} | {o.mutation.definition} | {o.killer} |"
 
 
 if __name__ == "__main__":

@@ -8,9 +8,11 @@ import sys
 import tempfile
 import time
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+
+from mutations.definitions import Definition, read_definitions
 
 LEFT_OUT = shutil.ignore_patterns(
     ".git", ".venv*", ".*_cache", ".hypothesis", "__pycache__", "build", "demo-run", "_build"
@@ -28,33 +30,27 @@ class Broken(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Mutation:
-    """A mistake: `old` becomes `new` in `file`, and `tests` must notice.
+    """A mistake: `old` becomes `new` in the source of `definition`, and `tests` must notice.
 
     `name` says it in words; `lives` is the argument why a survivor may live, "" where none may.
     """
 
     name: str
-    file: str
+    definition: str
     old: str
     new: str
     tests: tuple[str, ...]
     lives: str = ""
 
-    @property
-    def is_kernel(self) -> bool:
-        """Whether the kernels must be built anew."""
-        return self.file.startswith(KERNELS) and not self.file.endswith(".py")
-
-    def apply(self, root: Path) -> None:
-        """Change the file in a copy of the tree."""
-        path = root / self.file
-        text = path.read_text("utf-8")
-        if text.count(self.old) != 1:
-            raise Broken(
-                f"{self.name}: {self.file} holds {self.old!r} {text.count(self.old)} times, not once; "
-                "correct mutations/list.toml"
-            )
-        path.write_text(text.replace(self.old, self.new), encoding="utf-8")
+    def find(self, definitions: Mapping[str, Sequence[Definition]]) -> Definition:
+        """The one of that name that holds the old text, once."""
+        named = definitions.get(self.definition, ())
+        counts = [each.source.count(self.old) for each in named]
+        if sum(counts) != 1:
+            held = f"{self.definition} holds {self.old!r} {sum(counts)} times, not once"
+            wrong = held if named else f"nothing is named {self.definition}"
+            raise Broken(f"{self.name}: {wrong}; correct mutations/list.toml")
+        return named[counts.index(1)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,8 +84,9 @@ def tried(mutation: Mutation, root: Path) -> Outcome:
     start = time.monotonic()
     with tempfile.TemporaryDirectory() as folder:
         copy = copied(root, Path(folder) / "tree")
-        mutation.apply(copy)
-        if mutation.is_kernel:
+        changed = mutation.find(read_definitions(copy))
+        changed.replace(mutation.old, mutation.new)
+        if changed.is_c:
             build_kernels(copy)
         try:
             killer = failure(copy, mutation.tests)

@@ -28,10 +28,11 @@ class Projector:
     name, size = "p", SIZE
 
     def __init__(self) -> None:
-        self.lit, self.meanwhile = False, nothing
+        self.lit, self.times_lit, self.meanwhile = False, 0, nothing
 
     def show(self, drive: np.ndarray) -> Shown:
         if drive.any():
+            self.times_lit += 1
             self.meanwhile()
         self.lit = bool(drive.any())
         return Shown(drive, 0.0)
@@ -151,7 +152,7 @@ def test_nothing_lights_after_that_and_all_is_dark(bench: Bench) -> None:
     for _, call in calls(bench):
         with pytest.raises(InputError, match="somebody may be in the dome"):
             call()
-        assert bench.dark
+        assert bench.dark and bench.projector.times_lit == 1
     with pytest.raises(InputError), bench.rig:
         bench.rig.cameras["c"].configure(None)
     assert bench.dark and bench.rig.dark
