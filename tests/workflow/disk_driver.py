@@ -114,7 +114,7 @@ def run_again(command: Command, folder: Path, whole: dict[str, bytes]) -> None:
     """Run a command that was stopped once more, with room: all must be there."""
     done = procam(*command(folder))
     assert done.code in OUTCOMES, done
-    left = _without_partial_session(_files(folder), whole)
+    left = _as_if_not_stopped(_files(folder), whole)
     # a session or a calibration that was whole when the disk got full stays beside the next one
     extra = [name for name in left if name not in whole]
     odd = [n for n in extra if "/calibrations/" not in n and "/sessions/" not in n]
@@ -123,16 +123,15 @@ def run_again(command: Command, folder: Path, whole: dict[str, bytes]) -> None:
     assert not odd, f"not as in a run with room: {sorted(odd)}"
 
 
-def _without_partial_session(left: dict[str, bytes], whole: dict[str, bytes]) -> dict[str, bytes]:
-    """The files without the session of a run that was stopped, which the next run does not resume."""
-    partial, next_one = "sessions/0002", "sessions/0003"
-    if not any(next_one in n for n in left) or all(n in left for n in whole if partial in n):
+def _as_if_not_stopped(left: dict[str, bytes], whole: dict[str, bytes]) -> dict[str, bytes]:
+    """The files as if a stopped recalibration had left no session, which the next one does not resume."""
+    stopped, second = "sessions/0002", "sessions/0003"
+    if not any(second in name for name in left):
         return left
-    kept = {n: content for n, content in left.items() if partial not in n}
-    return {
-        name.replace(next_one, partial): content.replace(b'"session": "0003"', b'"session": "0002"')
-        for name, content in kept.items()
-    }
+    found = {n: c.replace(b'"session": "0003"', b'"session": "0002"') for n, c in left.items()}
+    if all(name in left for name in whole if stopped in name):
+        return found
+    return {n.replace(second, stopped): c for n, c in found.items() if stopped not in n}
 
 
 def _files(folder: Path) -> dict[str, bytes]:
