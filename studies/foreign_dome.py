@@ -124,11 +124,11 @@ class Judge:
         """`interreflection_left` (docs/figures.md) of the frames that are really shown."""
         to_content = found.content_from_camera.T.astype(np.float32)
         compensator = Compensator(found, MASTER)
-        made = compensator.solve(content)
+        made = compensator.predict(content)
         error = (
             made.direct + self._shown(found, made.direct) @ to_content - compensator.target(content)
         )
-        plain = Compensator(found, MASTER, "none").solve(content).direct
+        plain = Compensator(found, MASTER, "none").predict(content).direct
         before = self._shown(found, plain) @ to_content
         free = (made.free & self._lit[..., None]).astype(np.float32)
         weight = master_solid_angles(PATCHES)[..., None] * (_patches(free) > judge.WHOLE)

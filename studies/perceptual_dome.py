@@ -69,10 +69,9 @@ def photographed(camera: LoopCamera, calibration: Calibration, target: Image, me
     at_limits = known & ~free
     while not shown.enough() and len(shown.residual) <= MAX_CORRECTIONS:
         shown.correct()
-    compensator = Compensator(calibration, len(target), method)
-    compensator.solve(target)
+    solved = Compensator(calibration, len(target), method).solve(target)
     return {
-        "from_exact": compensator.certificate.from_exact,
+        "from_exact": solved.certificate.from_exact,
         "limited": float(at_limits.sum() / known.sum()),
         "floor": floor,
         "first": shown.residual[0] / floor,

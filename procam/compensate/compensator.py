@@ -8,7 +8,7 @@ The module is longer than 300 lines because its public class explains all method
 """
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,7 +17,8 @@ from procam.arrays import AnyArray, Array, BoolArray, Image
 from procam.compensate.content import ContentCodec
 from procam.compensate.equations import FrameEquations, Solution
 from procam.compensate.fields import Fields
-from procam.compensate.perceptual.settings import Perceptual
+from procam.compensate.perceptual.settings import PERCEPTUAL, Perceptual
+from procam.compensate.solved_frame import SolvedFrame, certificate
 from procam.errors import InputError
 from procam.kernels.frame import Coding, check_pictures, frame_apply, frame_sums, scattered_light
 from procam.kernels.frame.reference import interpolated
@@ -28,10 +29,8 @@ if TYPE_CHECKING:
     from procam.compensate.perceptual.dome import DomeTargets
     from procam.compensate.perceptual.targets import Reached
 
-PERCEPTUAL = {found.name: found for found in (Perceptual(), Perceptual(video=True))}
 METHODS = ("exact", *PERCEPTUAL, "subtract", "least-squares", "paper-eq12", "none")
 CHANNELS = 3
-DARKEST = 1e-5  # moments [rel sr] of a black frame: certificates are relative to no less
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,57 +44,14 @@ class Compensated:
     observed : (N, N, 3) total light as the audience sees it [rel].
     free : (N, N, 3) neither a limit nor protection holds: observed equals the target there, of the
         perceptual methods that which they chose.
-    flux : (3,) direct flux [rel sr].
+    flux : (3,) direct flux [rel sr]. solved : the frame, whose `sent` is `direct`.
     """
 
     direct: Image
     observed: Image
     free: BoolArray
     flux: Array
-
-
-@dataclass(frozen=True, slots=True)
-class Certificate:
-    """How well a compensated frame solves its equations, at full strength, by the solver's own sums.
-
-    `procam.compensate.light_check` checks the values that were sent by a path of its own.
-
-    Attributes
-    ----------
-    kkt : residual of the optimality conditions, relative to the moments of the light; NaN for methods
-        without an optimum. Of a perceptual method: of (P) for the target that it chose.
-    self_consistency : moments of the light sent less those assumed for the scattered light; relative.
-    share_lo, share_hi : (3,) share of the lit solid angle where a limit holds.
-    flux_in, flux_out : (3,) of the content under its white (of what a perceptual method chose instead), and
-        of the light sent [rel sr].
-    from_exact : how far a perceptual method went from the exact solution, 0, towards its optimum, 1; NaN
-        for other methods.
-    luminance_loss_db : its loss against the exact solution of what `Perceptual.db` bounds [dB], content
-        brighter than the projectors counted as their brightest; 0 where it is the exact solution.
-    """
-
-    kkt: float
-    self_consistency: float
-    share_lo: Array
-    share_hi: Array
-    flux_in: Array
-    flux_out: Array
-    from_exact: float = float("nan")
-    luminance_loss_db: float = float("nan")
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class _Solved:
-    """A solved frame and its solution.
-
-    `content` is in kernel encoding, and valid until the caller changes it; `reached` is what a perceptual
-    method put in place of the content, if it did.
-    """
-
-    content: AnyArray
-    coding: Coding
-    solution: Solution
-    reached: "Reached | None" = None
+    solved: SolvedFrame
 
 
 class Compensator:
@@ -173,9 +129,6 @@ class Compensator:
                 self.fields, lambda edge: Fields.of(calibration, edge, state, white), perceptual
             )
         self._codec = ContentCodec(known, strength, self.fields.protected)
-        self._solved: _Solved | None = None
-        #: (3, 9) polynomial of the last frame's scattered light (`Fields.coefficients_of`)
-        self.coefficients: Array = self._equations.nothing.coefficients
 
     @property
     def protected(self) -> BoolArray:
@@ -188,14 +141,24 @@ class Compensator:
         """(N, N) where projectors reach."""
         return interpolated(self.fields.shown, self.fields.shown.coverage, slice(None)) > 0
 
+    def restart(self) -> None:
+        """Forget the frames before: the next one is solved as if it were the first."""
+        self._equations.restart()
+        if self._targets:
+            self._targets.restart()
+
     def frame(self, image: AnyArray, out: AnyArray | None = None) -> AnyArray:
-        """The light to send, encoded as the content is.
+        """The light to send, encoded as the content is; `solve` gives all that is known of it."""
+        return self.solve(image, out).sent
+
+    def solve(self, image: AnyArray, out: AnyArray | None = None) -> SolvedFrame:
+        """Solve a frame.
 
         Parameters
         ----------
         image : (N, N, 3) uint8, uint16, float16 or float32; 1.0 (255, 65535) is the white; values
             that are not finite count as black.
-        out : array like it to write to, which may be `image` itself.
+        out : array like it to write to, which may be `image` itself; a new one otherwise.
 
         Raises
         ------
@@ -204,15 +167,15 @@ class Compensator:
         """
         check_pictures(self.size, image, out)
         content, coding = self._decoded(image, self._codec)
-        held, self._solved, reached = self._codec.protected_pixels(image), None, None
+        held, reached = self._codec.protected_pixels(image), None
         if self._targets:
             content, coding, reached = self._perceived(image, content, coding, self._codec)
+        overwritten = out is not None and np.may_share_memory(image, out)
         to = out if content is image else None
         sent, solution = self._equations.frame(content, coding, to)
-        self.coefficients = solution.coefficients
-        if out is None or not np.may_share_memory(image, out):
-            self._solved = _Solved(content, coding, solution, reached)
-        return self._codec.finished(image, sent, None if content is image else coding, out, held)
+        sent = self._codec.finished(image, sent, None if content is image else coding, out, held)
+        found = self._solved(sent, content, coding, solution, reached)
+        return replace(found, certify=None) if overwritten else found
 
     def apply(self, image: AnyArray, coefficients: Array, out: AnyArray | None = None) -> AnyArray:
         """`frame` with known coefficients (3, 9), such as a track's; nothing is solved.
@@ -228,61 +191,13 @@ class Compensator:
                 f"apply: method {self.method} chooses light for each place; call frame() for each picture"
             )
         content, coding = self._decoded(image, self._codec)
-        held, self._solved, self.coefficients = (
-            self._codec.protected_pixels(image),
-            None,
-            coefficients,
-        )
+        held = self._codec.protected_pixels(image)
         solution = replace(self._equations.nothing, coefficients=coefficients)
         to = out if content is image else None
         sent = self._equations.apply(content, coding, solution, to)
         return self._codec.finished(image, sent, None if content is image else coding, out, held)
 
-    @property
-    def chosen(self) -> Image | None:
-        """What (P) solved for instead of the last frame's content (N, N, 3) in linear light, if it did."""
-        reached = self._solved.reached if self._solved else None
-        return reached.target if reached and reached.share > 0 else None
-
-    @property
-    def certificate(self) -> Certificate:
-        """Of the last frame; costs a few evaluations of it."""
-        if self._solved is None:
-            raise InputError(
-                "certificate: there is no frame to certify; call frame() first, and do not write over "
-                "its content"
-            )
-        content, coding, solution = (
-            self._solved.content,
-            self._solved.coding,
-            self._solved.solution,
-        )
-        equations = self._equations
-
-        def sums(what: str) -> Array:
-            return equations.sums(content, solution, what, coding)
-
-        lit = float(self.fields.gram[0, 0])
-        sent = sums("light")
-        missed = residual = sent - solution.moments
-        if solution.pull is not None:
-            residual = equations.residual(content, coding, solution)
-        moments = max(np.abs(sent).max(), DARKEST)
-        optimal = self.method in ("exact", "least-squares", *PERCEPTUAL)
-        reached = self._solved.reached
-        dark = np.zeros_like(equations.light(solution))
-        return Certificate(
-            float(np.abs(residual).max() / moments) if optimal else float("nan"),
-            float(np.abs(missed).max() / moments),
-            sums("at least")[:, 0] / lit,
-            sums("at most")[:, 0] / lit,
-            frame_sums(equations.model, content, dark, "content", coding)[:, 0],
-            sent[:, 0],
-            reached.share if reached else float("nan"),
-            reached.loss_db if reached else float("nan"),
-        )
-
-    def solve(self, image: Image, top: float = np.inf) -> Compensated:
+    def predict(self, image: Image, top: float = np.inf) -> Compensated:
         """The compensated picture in linear light, its total as the audience sees it, where it clips.
 
         Parameters
@@ -298,17 +213,15 @@ class Compensator:
         check_pictures(self.size, image)
         if image.dtype.kind != "f":
             raise InputError(
-                f"content: {image.dtype} is encoded; solve takes linear light as float32, frame takes codes"
+                f"content: {image.dtype} is encoded; predict takes linear light as float32, frame takes codes"
             )
-        linear, self._solved = np.ascontiguousarray(image, np.float32), None
+        linear = np.ascontiguousarray(image, np.float32)
         codec, reached = ContentCodec(transfer("linear"), 1.0, None, top), None
         content, coding = self._decoded(linear, codec)
         if self._targets:
             content, coding, reached = self._perceived(linear, content, coding, codec)
         equations = self._equations
         solution, _ = equations.solve(content, coding)
-        self._solved = _Solved(content, coding, solution, reached)
-        self.coefficients = solution.coefficients
         shown, every, lit = equations.shown, slice(None), self.lit[..., None]
         light = equations.shown_light(solution)
         direct = frame_apply(shown, content, light, coding)
@@ -321,7 +234,20 @@ class Compensator:
         observed = np.where(lit, counted + scattered, 0)
         sums = equations.sums(content, solution, "light", coding)
         direct[kept], free[kept] = image[kept], False
-        return Compensated(direct, observed.astype(np.float32), free, sums[:, 0])
+        solved = self._solved(direct, content, coding, solution, reached)
+        return Compensated(direct, observed.astype(np.float32), free, sums[:, 0], solved)
+
+    def _solved(
+        self,
+        sent: AnyArray,
+        content: AnyArray,
+        coding: Coding,
+        solution: Solution,
+        reached: "Reached | None",
+    ) -> SolvedFrame:
+        certify = partial(certificate, self._equations, content, coding, solution, reached)
+        chosen = reached.target if reached and reached.share > 0 else None
+        return SolvedFrame(sent, solution.coefficients, chosen, certify)
 
     def _perceived(
         self, image: AnyArray, content: AnyArray, coding: Coding, codec: ContentCodec

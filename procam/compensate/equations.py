@@ -86,6 +86,10 @@ class FrameEquations:
         self._shown_light = self._light if same else NodeLight(self.shown)
         self._root: Root | None = None  # of the last frame, if it was solved
 
+    def restart(self) -> None:
+        """Forget the last frame's solution, and the light that is kept of it."""
+        self._root = None
+
     @property
     def nothing(self) -> Solution:
         """No scattered light."""

@@ -315,8 +315,8 @@ def picture_figures(
     """What is expected of linear light (N, N, 3) on the calibration's canvas, in a venue state if named."""
     size = content.shape[0]
     compensator = Compensator(calibration, size, state=state)
-    exact = compensator.solve(content)
-    none = Compensator(calibration, size, "none", state).solve(content)
+    exact = compensator.predict(content)
+    none = Compensator(calibration, size, "none", state).predict(content)
     content = compensator.target(content)
     lit = _covered(calibration, size)
     bright, dark = _limits(content, exact, lit & ~compensator.protected)

@@ -316,7 +316,7 @@ class TestCompensateAndWarp:
         document = json.loads(ran.out)
         assert (ran.code, ran.err) == (0, "")
         assert document["out"] == str(out)
-        expected = Compensator(calibration, SIZE, method).solve(half_sky(SIZE))  # type: ignore[arg-type]
+        expected = Compensator(calibration, SIZE, method).predict(half_sky(SIZE))  # type: ignore[arg-type]
         np.testing.assert_allclose(rgb(out), expected.direct, rtol=0, atol=1e-6)
         assert document["direct_flux_sr"] == pytest.approx(list(expected.flux), rel=1e-5)
 
@@ -329,7 +329,7 @@ class TestCompensateAndWarp:
         assert ran.out.startswith(f"{out} written; at a limit (R, G, B): ")
         pixels = np.asarray(read_image(out))
         assert pixels.dtype == np.uint16
-        expected = Compensator(calibration, SIZE).solve(half_sky(SIZE)).direct
+        expected = Compensator(calibration, SIZE).predict(half_sky(SIZE)).direct
         found = srgb_decode(pixels / 65535)
         assert np.abs(found - np.clip(expected, 0, 1)).max() < 4 * BACK
 

@@ -191,8 +191,8 @@ class TestPreview:
         found = views(calibration, frame, settings)["exact"]
         ours = Compensator(calibration, SIZE, white="keep", transfer_name="linear")
         light = codes / np.float32(255)
-        np.testing.assert_array_equal(found, ours.solve(light, 1.0).observed)
-        without_end = ours.solve(light)
+        np.testing.assert_array_equal(found, ours.predict(light, 1.0).observed)
+        without_end = ours.predict(light)
         assert without_end.direct.max() > 1.02
         assert np.abs(found - without_end.observed).max() > 0.02
 

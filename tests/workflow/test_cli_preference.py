@@ -194,7 +194,7 @@ class TestAsk:
             assert (pixels.dtype, pixels.shape) == (np.uint8, (SIZE, SIZE, 3))
             compensator = Compensator(calibration, SIZE, entry["method"], transfer_name="linear")
             name = entry["content"]
-            light = compensator.solve(read_picture(paths[name])[0]).observed * scales[name]
+            light = compensator.predict(read_picture(paths[name])[0]).observed * scales[name]
             brightest[name] = max(brightest[name], light.max())
             low, high = (
                 srgb_decode(np.clip(pixels / 255 + e, 0, 1)) for e in (-ONE_CODE, ONE_CODE)
@@ -211,7 +211,7 @@ class TestAsk:
         for file, entry in plan_of(tmp_path / "a")["pictures"].items():
             pixels = read_image(tmp_path / "a" / "pictures" / file) / 255
             compensator = Compensator(calibration, SIZE, entry["method"], transfer_name="linear")
-            direct = compensator.solve(content).direct
+            direct = compensator.predict(content).direct
             low, high = (srgb_decode(np.clip(pixels + e, 0, 1)) for e in (-ONE_CODE, ONE_CODE))
             assert ((low <= direct) & (direct <= high)).all()
 

@@ -59,6 +59,10 @@ class DomeTargets:
             target = np.where(self._kept, content, target)
         return replace(found, target=np.ascontiguousarray(target, np.float32))
 
+    def restart(self) -> None:
+        """Forget the frames before."""
+        self._by_top.clear()
+
     def _targets(self, top: float) -> StillTargets | MovieTargets:
         """For content that can send `top`."""
         if top not in self._by_top:

@@ -49,3 +49,6 @@ class Perceptual:
     def allowed(self) -> float:
         """Factor of the squared error."""
         return float(10 ** (self.db / 10))
+
+
+PERCEPTUAL = {found.name: found for found in (Perceptual(), Perceptual(video=True))}

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from procam.compensate.compensator import PERCEPTUAL
+from procam.compensate.perceptual.settings import PERCEPTUAL
 from procam.errors import InputError
 from procam.files.calibration import load_dome
 from procam.interfaces.cli._options import (

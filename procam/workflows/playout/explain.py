@@ -12,9 +12,9 @@ from procam.files.images.layers import RGB, write_channels
 from procam.files.images.movies import MovieReader, is_movie
 from procam.files.images.stills import square_edge
 from procam.model.calibration import Calibration
+from procam.workflows.playout.encodings import decoded
 from procam.workflows.playout.frame import (
     FrameSettings,
-    decoded,
     linear_compensator,
     most_light,
     named_transfer,
@@ -69,7 +69,7 @@ def explain(calibration: Calibration, clip_frame: ClipFrame, settings: FrameSett
     content = decoded(clip_frame.rgb, named_transfer(clip_frame, settings))
     ours = linear_compensator(calibration, size, settings, settings.checked_method())
     plain = Compensator(calibration, size, "none", settings.state, transfer_name="linear")
-    found, without = (each.solve(content, most_light(clip_frame.rgb)) for each in (ours, plain))
+    found, without = (each.predict(content, most_light(clip_frame.rgb)) for each in (ours, plain))
     limits = np.sign(found.observed - ours.target(content))
     limits[found.free] = 0
     limits[~ours.lit | ours.protected] = np.nan

@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from procam.arrays import AnyArray, Array32, BoolArray, Map
-from procam.compensate.compensator import PERCEPTUAL, Compensator
+from procam.arrays import AnyArray, BoolArray, Map
+from procam.compensate.compensator import Compensator
 from procam.compensate.light_check import LightCheck
-from procam.compensate.perceptual.settings import Perceptual
+from procam.compensate.perceptual.settings import PERCEPTUAL, Perceptual
+from procam.compensate.solved_frame import SolvedFrame
 from procam.errors import FileFormatError, InputError
 from procam.files.images.stills import square_edge
 from procam.kernels.native.arrays import least_colour
@@ -18,6 +19,7 @@ from procam.maths.geometry.canvas import STANDARD
 from procam.maths.light.transfer import TRANSFER_NAMES, transfer
 from procam.model.calibration import Calibration
 from procam.model.transport import DomeMaps
+from procam.workflows.playout.encodings import decoded, output_encoding, recoded
 from procam.workflows.playout.sources import ClipFrame, CompensatedFrame, Row
 
 COLOURS = "rgb"
@@ -97,22 +99,22 @@ class ClipEngine:
         row: Row = {"frame": clip_frame.number, "above_one": clip_frame.above_one}
         if not self._certify:
             return CompensatedFrame(compensator.frame(rgb, rgb), out, row, _unchecked)
-        encoded = compensator.frame(rgb)
-        row |= _worth(compensator) | UNCHECKED
-        return CompensatedFrame(encoded, out, row, self._check(clip_frame, named, out, row))
+        solved = compensator.solve(rgb)
+        row |= _worth(solved, compensator.method) | UNCHECKED
+        check = self._check(clip_frame, solved, named, out, row)
+        return CompensatedFrame(solved.sent, out, row, check)
 
     def _check(
-        self, clip_frame: ClipFrame, named: str, out: str, row: Row
+        self, clip_frame: ClipFrame, solved: SolvedFrame, named: str, out: str, row: Row
     ) -> Callable[[ClipFrame, str], None]:
         """What completes the row of a frame with what its values, read back, make the audience see.
 
         Values are decoded as the file states, or by the function that the user named for both.
         """
-        light_check, compensator = self._light_check, self._compensator
-        assert compensator is not None
+        light_check = self._light_check
         content = decoded(light_check.sampled(clip_frame.rgb), named).astype(float)
-        if compensator.chosen is not None:
-            content = light_check.sampled(compensator.chosen).astype(float)
+        if solved.chosen is not None:
+            content = light_check.sampled(solved.chosen).astype(float)
 
         def check(written: ClipFrame, covers: str) -> None:
             name = (None if self._settings.transfer else written.transfer) or out
@@ -242,59 +244,24 @@ def named_transfer(clip_frame: ClipFrame, settings: FrameSettings) -> str:
     return named
 
 
-def output_encoding(dtype: np.dtype[Any], named: str, suffix: str) -> tuple[np.dtype[Any], str]:
-    """Type and transfer function of the output for pixels of a type, encoded as `named`.
-
-    As they came, but EXR takes light (from integers: linear float) and PNG takes integers (from
-    linear light: 16-bit sRGB).
-
-    >>> output_encoding(np.dtype(np.uint8), "srgb", ".exr")
-    (dtype('float32'), 'linear')
-    """
-    if suffix == ".exr" and dtype.kind != "f":
-        return np.dtype(np.float32), "linear"
-    if suffix == ".png" and dtype.kind == "f":
-        return np.dtype(np.uint16), "srgb" if named == "linear" else named
-    return dtype, named
-
-
-def recoded(rgb: AnyArray, named: str, dtype: np.dtype[Any], out: str) -> AnyArray:
-    """Encoded colours in another type and transfer function; integers clip at 1."""
-    if rgb.dtype == dtype and named == out:
-        return rgb
-    light = decoded(rgb, named)
-    encoded = light if out == "linear" else transfer(out).encode(np.clip(light, 0, 1))
-    if dtype.kind == "f":
-        return np.asarray(encoded, dtype)
-    top = np.iinfo(dtype).max
-    return np.rint(np.clip(encoded, 0, 1) * np.float32(top)).astype(dtype)
-
-
-def decoded(rgb: AnyArray, named: str) -> Array32:
-    """Linear light (N, N, 3) of encoded colours."""
-    peak = 1 if rgb.dtype.kind == "f" else np.iinfo(rgb.dtype).max
-    share = np.asarray(rgb, np.float32) / np.float32(peak)
-    return share if named == "linear" else np.asarray(transfer(named).decode(share), np.float32)
-
-
 def _unchecked(written: ClipFrame, covers: str) -> None:
     """No certificate was asked for."""
 
 
-def _worth(compensator: Compensator) -> dict[str, float]:
-    """The certificate of the last frame, for the report."""
-    found = compensator.certificate
+def _worth(solved: SolvedFrame, method: str) -> dict[str, float]:
+    """The certificate of a frame, for the report."""
+    found = solved.certificate
     row: dict[str, float] = {}
     columns = {
         "share_lo": found.share_lo,
         "share_hi": found.share_hi,
         "flux_in": found.flux_in,
         "flux_out": found.flux_out,
-        "s": compensator.coefficients[:, 0],
+        "s": solved.coefficients[:, 0],
     }
     for name, values in columns.items():
         row |= {f"{name}_{c}": float(v) for c, v in zip(COLOURS, values, strict=True)}
     row |= {"kkt": float(found.kkt), "self_consistency": float(found.self_consistency)}
-    if compensator.method in PERCEPTUAL:
+    if method in PERCEPTUAL:
         row |= {"from_exact": found.from_exact, "luminance_loss_db": found.luminance_loss_db}
     return row

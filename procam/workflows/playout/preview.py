@@ -8,9 +8,9 @@ from procam.arrays import Array, Image
 from procam.compensate.compensator import Compensator
 from procam.files.images.stills import square_edge
 from procam.model.calibration import Calibration
+from procam.workflows.playout.encodings import decoded
 from procam.workflows.playout.frame import (
     FrameSettings,
-    decoded,
     linear_compensator,
     most_light,
     named_transfer,
@@ -37,7 +37,7 @@ def views(
     found = dict[str, Image]()
     for method in METHODS:
         compensator = linear_compensator(calibration, size, settings, settings.of(method))
-        found[method] = compensator.solve(content, most_light(clip_frame.rgb)).observed
+        found[method] = compensator.predict(content, most_light(clip_frame.rgb)).observed
         found[TARGET] = compensator.target(content)
     return found
 

@@ -179,8 +179,8 @@ class _Rows:
                 f"{name}: {_worded(*found)}, but the first frame has {_worded(*expected)}; render "
                 "all frames alike"
             )
-        self.compensator.frame(clip_frame.rgb, self._out)
-        numbers = row(self.compensator.coefficients, self.used)
+        solved = self.compensator.solve(clip_frame.rgb, self._out)
+        numbers = row(solved.coefficients, self.used)
         self._table.write(csv_text([[clip_frame.number, *(f"{v:.9g}" for v in numbers)]]))
         self.numbers.append(clip_frame.number)
         return lambda: name

@@ -21,9 +21,9 @@ from procam.maths.light.transfer import transfer as transfer_function
 from procam.model.calibration import Calibration
 from procam.workflows.events import Event
 from procam.workflows.playout.compensate import LOG, each_frame, run_key, sequence_log
+from procam.workflows.playout.encodings import decoded
 from procam.workflows.playout.frame import (
     FrameSettings,
-    decoded,
     named_transfer,
     require_photometry,
 )

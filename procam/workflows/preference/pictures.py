@@ -13,8 +13,8 @@ from procam.maths.codes.dither import dithered
 from procam.maths.light.curves import srgb_encode
 from procam.maths.warp import reduced_to
 from procam.model.calibration import Calibration
+from procam.workflows.playout.encodings import decoded
 from procam.workflows.playout.frame import (
-    decoded,
     linear_compensator,
     most_light,
     named_transfer,
@@ -77,7 +77,7 @@ class PictureMaker:
         for method in self._wanted.needed:
             own = settings.of(method)
             compensator = linear_compensator(self._calibration, size, settings, own)
-            solved = compensator.solve(content, most_light(clip_frame.rgb))
+            solved = compensator.predict(content, most_light(clip_frame.rgb))
             yield method, solved.direct if self._wanted.on_dome else for_monitor(solved.observed)
 
     def _file(self, name: str, method: str) -> str:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
 
-from procam.compensate.compensator import PERCEPTUAL
+from procam.compensate.perceptual.settings import PERCEPTUAL
 from procam.errors import InputError
 from procam.workflows.playout.frame import FrameSettings
 from procam.workflows.playout.preview import METHODS

@@ -46,7 +46,7 @@ class PreparedPicture:
     ) -> "PreparedPicture":
         """Content (N, N, 3), compensated by a method of `Compensator`."""
         compensator = Compensator(calibration, content.shape[0], method)
-        wanted = compensator.solve(content)
+        wanted = compensator.predict(content)
         frames = projector_frames(wanted.direct, calibration)
         return cls(calibration, wanted, compensator.target(content), frames)
 

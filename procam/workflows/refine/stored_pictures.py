@@ -49,7 +49,7 @@ def keep_pictures(
     size, calibration = content.shape[0], calibration.on(STANDARD)
     methods: tuple[str, ...] = ("none", "exact", "paper-eq12")
     compensators = {m: Compensator(calibration, size, m) for m in methods}
-    results: dict[str, Compensated] = {m: c.solve(content) for m, c in compensators.items()}
+    results: dict[str, Compensated] = {m: c.predict(content) for m, c in compensators.items()}
     pictures = venue_dir / "pictures"
     _write_rgb(pictures / "target.exr", compensators["exact"].target(content))
     _write_rgb(pictures / "uncompensated.exr", results["none"].observed)
@@ -70,7 +70,7 @@ def keep_loop(venue_dir: Path, refined: Refined, content: Image) -> None:
     _write_rgb(loop / "predicted.exr", refined.target)
     _write_rgb(loop / "free.exr", refined.free.astype(np.float32))
     calibration = refined.calibration.on(STANDARD)
-    direct = Compensator(calibration, content.shape[0]).solve(content).direct
+    direct = Compensator(calibration, content.shape[0]).predict(content).direct
     frames = projector_frames(direct, calibration)
     write_frames(frames, venue_dir / "frames" / "refined")
     curve = {

@@ -38,21 +38,21 @@ class TestExact:
     def test_unclipped_pixels_are_exact(
         self, calibration: Calibration, content: np.ndarray
     ) -> None:
-        found = Compensator(calibration, SIZE).solve(content)
+        found = Compensator(calibration, SIZE).predict(content)
         assert 0.7 < found.free[_solid(calibration) > 0].mean() < 1
         np.testing.assert_allclose(found.observed[found.free], content[found.free], atol=EXACT)
 
     def test_flux_is_that_of_the_direct_light(
         self, calibration: Calibration, content: np.ndarray
     ) -> None:
-        found = Compensator(calibration, SIZE).solve(content)
+        found = Compensator(calibration, SIZE).predict(content)
         own = np.tensordot(_solid(calibration), found.direct.astype(float), 2)
         np.testing.assert_allclose(found.flux, own, rtol=1e-6)
 
     def test_observed_is_direct_plus_its_own_bounces(
         self, calibration: Calibration, content: np.ndarray
     ) -> None:
-        found = Compensator(calibration, SIZE).solve(content)
+        found = Compensator(calibration, SIZE).predict(content)
         lit = _solid(calibration) > 0
         expected = found.direct + calibration.maps.scatter_per_flux * found.flux
         np.testing.assert_allclose(found.observed[lit], expected[lit], atol=EXACT)
@@ -60,7 +60,7 @@ class TestExact:
     def test_clipped_pixels_sit_on_their_limit_and_on_the_right_side(
         self, calibration: Calibration, content: np.ndarray
     ) -> None:
-        found = Compensator(calibration, SIZE).solve(content)
+        found = Compensator(calibration, SIZE).predict(content)
         lit = (_solid(calibration) > 0)[..., None]
         low = lit & (found.direct <= calibration.maps.lo * (1 + FLOAT32))
         high = lit & (found.direct >= calibration.maps.hi * (1 - FLOAT32))
@@ -72,7 +72,7 @@ class TestExact:
     def test_nothing_where_nothing_is_lit(
         self, calibration: Calibration, content: np.ndarray
     ) -> None:
-        found = Compensator(calibration, SIZE).solve(content)
+        found = Compensator(calibration, SIZE).predict(content)
         dark = _solid(calibration) == 0
         assert not found.direct[dark].any() and not found.free[dark].any()
         assert not found.observed[dark].any()
@@ -80,7 +80,7 @@ class TestExact:
     @pytest.mark.parametrize("size", [64, 200])
     def test_content_of_any_size(self, calibration: Calibration, size: int) -> None:
         content = np.full((size, size, 3), 0.6, np.float32)
-        found = Compensator(calibration, size).solve(content)
+        found = Compensator(calibration, size).predict(content)
         direction, _ = master_directions(size)
         inner = direction[..., 2] > np.sin(np.radians(15.0))
         assert found.free[inner].all()
@@ -91,19 +91,19 @@ class TestExact:
     ) -> None:
         black = make_calibration(feedback=(0.0, 0.0, 0.0), lo=0.0)
         content = np.full((SIZE, SIZE, 3), 0.4, np.float32)
-        found = Compensator(black, SIZE).solve(content)
+        found = Compensator(black, SIZE).predict(content)
         lit = _solid(black) > 0
         np.testing.assert_allclose(found.direct[lit], 0.4, rtol=FLOAT32)
 
     def test_black_content_gives_the_black_level(self, calibration: Calibration) -> None:
-        found = Compensator(calibration, SIZE).solve(np.zeros((SIZE, SIZE, 3), np.float32))
+        found = Compensator(calibration, SIZE).predict(np.zeros((SIZE, SIZE, 3), np.float32))
         np.testing.assert_allclose(found.direct, calibration.maps.lo, rtol=FLOAT32)
         assert not found.free.any()
 
 
 class TestOthers:
     def test_none_is_clamp(self, calibration: Calibration, content: np.ndarray) -> None:
-        found = Compensator(calibration, SIZE, "none").solve(content)
+        found = Compensator(calibration, SIZE, "none").predict(content)
         lit = _solid(calibration) > 0
         expected = np.clip(content, calibration.maps.lo, calibration.maps.hi)[lit]
         np.testing.assert_allclose(found.direct[lit], expected, rtol=FLOAT32)
@@ -112,7 +112,7 @@ class TestOthers:
     def test_paper_equation_12_subtracts_by_the_target(
         self, calibration: Calibration, content: np.ndarray
     ) -> None:
-        found = Compensator(calibration, SIZE, "paper-eq12").solve(content)
+        found = Compensator(calibration, SIZE, "paper-eq12").predict(content)
         flux = np.tensordot(_solid(calibration), content.astype(float), 2)
         wanted = content - calibration.albedo.value / (4 * np.pi) * flux
         expected = np.clip(wanted, calibration.maps.lo, calibration.maps.hi)
@@ -124,8 +124,8 @@ class TestOthers:
     ) -> None:
         """What is clipped adds light that the target's flux did not count."""
         content[20:70, 20:70] = 0.0
-        exact = Compensator(calibration, SIZE).solve(content)
-        paper = Compensator(calibration, SIZE, "paper-eq12").solve(content)
+        exact = Compensator(calibration, SIZE).predict(content)
+        paper = Compensator(calibration, SIZE, "paper-eq12").predict(content)
         free = exact.free & paper.free
         assert (paper.observed[free] - content[free]).mean() > 0.005
 
@@ -153,7 +153,7 @@ class TestFurnished:
         return out
 
     def test_unclipped_pixels_are_exact(self, furnished: Calibration, content: np.ndarray) -> None:
-        found = Compensator(furnished, SIZE).solve(content)
+        found = Compensator(furnished, SIZE).predict(content)
         assert 0.7 < found.free[_solid(furnished) > 0].mean() < 1
         seen = found.direct + self.scattered(furnished, found.direct.astype(float))
         np.testing.assert_allclose(seen[found.free], content[found.free], atol=2 * EXACT)
@@ -163,7 +163,7 @@ class TestFurnished:
         self, furnished: Calibration, calibration: Calibration, content: np.ndarray
     ) -> None:
         content[:, : SIZE // 2] *= 0.1
-        finer, scalar = (Compensator(c, SIZE).solve(content) for c in (furnished, calibration))
+        finer, scalar = (Compensator(c, SIZE).predict(content) for c in (furnished, calibration))
         difference = finer.observed - add_interreflection_of(calibration, finer.direct)
         lit = _solid(furnished) > 0
         assert np.abs(difference[lit]).max() > 0.002
@@ -182,7 +182,7 @@ def test_content_lies_under_the_matched_white(
     falloff = np.broadcast_to(x, (SIZE, SIZE)).copy()
     matched = replace(calibration, maps=replace(calibration.maps, falloff=falloff))
     compensator = Compensator(matched, SIZE)
-    found = compensator.solve(content)
+    found = compensator.predict(content)
     meant = content * falloff[..., None]
     lit = _solid(calibration) > 0
     np.testing.assert_allclose(compensator.target(content)[lit], meant[lit], rtol=1e-6)
@@ -209,7 +209,7 @@ class TestProtected:
         assert protecting.maps.protected is not None
         kept = protecting.maps.protected.covered & inside
         np.testing.assert_array_equal(compensator.protected, kept)
-        found = compensator.solve(content)
+        found = compensator.predict(content)
         np.testing.assert_array_equal(found.direct[kept], content[kept])
         assert not found.free[kept].any()
 
@@ -217,7 +217,7 @@ class TestProtected:
         self, protecting: Calibration, content: np.ndarray
     ) -> None:
         """Protected light counts as far as projectors can show it."""
-        found = Compensator(protecting, SIZE).solve(content)
+        found = Compensator(protecting, SIZE).predict(content)
         solid, maps = _solid(protecting), protecting.maps
         shown = np.clip(found.direct.astype(float), maps.lo, maps.hi)
         np.testing.assert_allclose(found.flux, np.tensordot(solid, shown, 2), rtol=1e-6)
@@ -234,14 +234,14 @@ class TestProtected:
         covered = protecting.maps.protected.covered
         dark, bright = content.copy(), content.copy()
         dark[covered], bright[covered] = 0.1, 1.0
-        first, second = (Compensator(protecting, SIZE).solve(c) for c in (dark, bright))
+        first, second = (Compensator(protecting, SIZE).predict(c) for c in (dark, bright))
         free = first.free & second.free
         assert (second.direct[free] < first.direct[free]).all()
 
     def test_all_of_the_dome(self, calibration: Calibration, content: np.ndarray) -> None:
         mask = Mask("screen", np.ones((SIZE, SIZE), bool))
         maps = replace(calibration.maps, protected=mask)
-        found = Compensator(replace(calibration, maps=maps), SIZE).solve(content)
+        found = Compensator(replace(calibration, maps=maps), SIZE).predict(content)
         assert not found.free.any()
 
 
@@ -252,7 +252,7 @@ class TestCalls:
     ) -> None:
         expected = r"content has shape \(.*\); it needs \(96, 96, 3\)"
         with pytest.raises(ShapeError, match=expected):
-            Compensator(calibration, SIZE).solve(np.zeros(shape, np.float32))
+            Compensator(calibration, SIZE).predict(np.zeros(shape, np.float32))
 
     def test_an_unknown_method(self, calibration: Calibration) -> None:
         with pytest.raises(
@@ -266,7 +266,7 @@ class TestCalls:
         compensator = Compensator(calibration, SIZE)
         direct = compensator.frame(content)
         # the second starts from the first's solution
-        np.testing.assert_allclose(direct, compensator.solve(content).direct, atol=2e-7)
+        np.testing.assert_allclose(direct, compensator.predict(content).direct, atol=2e-7)
         out = np.full_like(direct, np.nan)
         assert compensator.frame(content, out) is out
         np.testing.assert_allclose(out, direct, atol=2e-7)
@@ -280,7 +280,9 @@ class TestCalls:
 def test_maps_are_sampled_where_the_content_lies(calibration: Calibration) -> None:
     """Content of another size meets the maps at the same directions; u slants to front and left."""
     size = 64
-    found = Compensator(calibration, size, "none").solve(np.full((size, size, 3), 0.5, np.float32))
+    found = Compensator(calibration, size, "none").predict(
+        np.full((size, size, 3), 0.5, np.float32)
+    )
     direction, _ = master_directions(size)
     inner = direction[..., 2] > np.sin(np.radians(15.0))
     u = (found.observed - found.direct)[inner] / found.flux

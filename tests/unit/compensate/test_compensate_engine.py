@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from itertools import cycle, pairwise
 from typing import Any
 
@@ -12,10 +13,12 @@ from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
 from procam import kernels
-from procam.compensate.compensator import DARKEST, METHODS, Compensator
-from procam.compensate.equations import FrameEquations, NodeLight
+from procam.compensate.compensator import METHODS, Compensator
+from procam.compensate.equations import FrameEquations, NodeLight, Solution
+from procam.compensate.solved_frame import DARKEST, SolvedFrame, certificate
 from procam.compensate.solver import BLACK
 from procam.errors import DidNotConverge, InputError, ShapeError
+from procam.kernels.frame import Coding
 from procam.maths.geometry.sphere import master_directions, master_solid_angles
 from procam.maths.light.transfer import transfer
 from procam.model.calibration import Calibration
@@ -95,13 +98,14 @@ class TestOptimum:
         best = lsq_linear(root[:, None] * whole, root * wanted, (lo, hi), "bvls", tol=1e-14)
         compensator = Compensator(known, SMALL, "least-squares")
         with kernels.forced("numpy"):  # in double precision
-            compensator.frame(content)
+            solved = compensator.solve(content)
             terms = compensator.fields.model.terms
-            found = np.clip(_wanted(compensator, content, terms)[lit], lo, hi)
-            assert compensator.certificate.kkt < 1e-8
+            found = np.clip(_wanted(compensator, solved, content, terms)[lit], lo, hi)
+            certificate = solved.certificate
         np.testing.assert_allclose(found, best.x, atol=1e-7)
-        assert 0 < compensator.certificate.share_lo[0] < 1
-        assert 0 < compensator.certificate.share_hi[0] < 1
+        assert certificate.kkt < 1e-8
+        assert 0 < certificate.share_lo[0] < 1
+        assert 0 < certificate.share_hi[0] < 1
 
     @pytest.mark.parametrize("kind", [np.float16, np.float32])
     @pytest.mark.parametrize("name", ["linear", "srgb"])
@@ -130,7 +134,7 @@ class TestOptimum:
         whole, area, lit = operator(known, SMALL)
 
         def squares(method: str) -> float:
-            direct = Compensator(known, SMALL, method).solve(content).direct[lit][:, 0]
+            direct = Compensator(known, SMALL, method).predict(content).direct[lit][:, 0]
             return float(area @ (whole @ direct - content[lit][:, 0]) ** 2)
 
         assert squares("least-squares") < squares("exact") < squares("none")
@@ -139,7 +143,7 @@ class TestOptimum:
         self, known: Calibration, content: np.ndarray
     ) -> None:
         whole, _, lit = operator(known, SMALL)
-        found = Compensator(known, SMALL).solve(content)
+        found = Compensator(known, SMALL).predict(content)
         direct = found.direct[lit][:, 0].astype(float)
         seen = whole @ direct
         free = found.free[lit][:, 0]
@@ -153,7 +157,7 @@ class TestOptimum:
         known = furnished(make_calibration(size=size, feedback=(0.5, 0.4, 0.3), lo=0.01))
         content = (2 * rng.random((size, size, 3)) ** 3).astype(np.float32)
         back, gathered, _, lit = scatter(known, size)
-        found = Compensator(known, size).solve(content)
+        found = Compensator(known, size).predict(content)
         direct = found.direct[lit][:, 0].astype(float)
         free = found.free[lit][:, 0]
         assert 0.3 < free.mean() < 1
@@ -167,26 +171,25 @@ class TestOptimum:
         maps = known.maps
         without = np.linalg.solve(whole, content[lit][:, 0].astype(float))
         expected = np.clip(without, maps.lo[lit][:, 0], maps.hi[lit][:, 0])
-        found = Compensator(known, SMALL, "subtract")
-        np.testing.assert_allclose(found.solve(content).direct[lit][:, 0], expected, atol=1e-6)
-        assert np.isnan(found.certificate.kkt)
-        assert found.certificate.self_consistency > 1e-3  # limits were not counted
+        found = Compensator(known, SMALL, "subtract").predict(content)
+        np.testing.assert_allclose(found.direct[lit][:, 0], expected, atol=1e-6)
+        assert np.isnan(found.solved.certificate.kkt)
+        assert found.solved.certificate.self_consistency > 1e-3  # limits were not counted
 
     @pytest.mark.parametrize("method", ["exact", "least-squares"])
     def test_slope_is_that_of_the_residual_where_limits_hold(
         self, known: Calibration, content: np.ndarray, method: str
     ) -> None:
         compensator = Compensator(known, SMALL, method)
-        compensator.frame(content)
-        solved, equations = compensator._solved, compensator._equations
-        assert solved is not None and equations._root is not None
+        equations, given, coding, solution = _certified(compensator.solve(content))
+        assert equations._root is not None
         value = equations._root.value
-        slope = equations._slope(solved.solution, solved.content, solved.coding)
+        slope = equations._slope(solution, given, coding)
         for i in range(value.shape[1]):
             step = np.zeros_like(value)
             step[:, i] = 1e-4
             above, below = (
-                equations.residual(solved.content, solved.coding, equations._solution(value + turn))
+                equations.residual(given, coding, equations._solution(value + turn))
                 for turn in (step, -step)
             )
             np.testing.assert_allclose((above - below) / 2e-4, slope[:, :, i], rtol=5e-3, atol=5e-3)
@@ -200,15 +203,21 @@ class TestOptimum:
         picture = (bright * rng.random((SMALL, SMALL, 3)) ** rng.uniform(0.2, 5)).astype(np.float32)
         for method in ("exact", "least-squares"):
             compensator = Compensator(small, SMALL, method)
-            compensator.frame(picture)
-            assert compensator.certificate.kkt < 1e-6
+            assert compensator.solve(picture).certificate.kkt < 1e-6
 
 
-def _wanted(compensator: Compensator, content: np.ndarray, terms: int) -> np.ndarray:
+def _certified(solved: SolvedFrame) -> tuple[FrameEquations, np.ndarray, Coding, Solution]:
+    """The equations of a frame, its content with its coding, and its solution."""
+    assert isinstance(solved.certify, partial)
+    equations, content, coding, solution, _ = solved.certify.args
+    return equations, content, coding, solution
+
+
+def _wanted(
+    compensator: Compensator, solved: SolvedFrame, content: np.ndarray, terms: int
+) -> np.ndarray:
     """Light before limits (N, N) of the first colour, from the solution's numbers alone."""
-    assert compensator._solved is not None
-    solution = compensator._solved.solution
-    found = solution.coefficients, solution.pull
+    found = solved.coefficients, _certified(solved)[3].pull
     direction = np.moveaxis(master_directions(SMALL)[0], -1, 0)
     mono = np.stack([np.ones((SMALL, SMALL)), *direction])[:terms]
     scatter, pull = (np.tensordot(n[0, :terms], mono, 1) for n in found)
@@ -221,8 +230,8 @@ class TestCertificate:
         picture = np.full((SIZE, SIZE, 3), 0.5, np.float32)
         picture[: SIZE // 2] = 0
         compensator = Compensator(calibration, SIZE)
-        found = compensator.solve(picture)
-        certificate = compensator.certificate
+        found = compensator.predict(picture)
+        certificate = found.solved.certificate
         area = master_solid_angles(SIZE) * calibration.maps.coverage
         np.testing.assert_allclose(certificate.flux_in, np.tensordot(area, picture, 2), rtol=1e-5)
         np.testing.assert_allclose(certificate.flux_out, found.flux, rtol=1e-6)
@@ -235,32 +244,26 @@ class TestCertificate:
     def test_moments_that_are_wrong_show(self, calibration: Calibration, method: str) -> None:
         """If e more light is assumed than is sent, e (1 + m) of it is missing where no limit holds."""
         compensator = Compensator(calibration, SIZE, method)
-        compensator.frame(np.full((SIZE, SIZE, 3), 0.6, np.float32))
-        solved = compensator._solved
-        assert solved is not None
-        error, right = 0.01, solved.solution
+        solved = compensator.solve(np.full((SIZE, SIZE, 3), 0.6, np.float32))
+        equations, content, coding, right = _certified(solved)
+        error = 0.01
         assumed = (1 + error) * right.moments
         wrong = replace(
             right,
             moments=assumed,
             coefficients=compensator.fields.coefficients_of(assumed),
         )
-        compensator._solved = replace(solved, solution=wrong)
         sent = right.moments[:, 0] - error * calibration.feedback.value * right.moments[:, 0]
         expected = (assumed[:, 0] - sent).max() / sent.max()
-        found = compensator.certificate
+        found = certificate(equations, content, coding, wrong, None)
         assert found.self_consistency == pytest.approx(expected, rel=0.1)
         assert found.kkt >= found.self_consistency > 0.01
-
-    def test_of_no_frame(self, calibration: Calibration) -> None:
-        with pytest.raises(InputError, match="certificate: there is no frame"):
-            _ = Compensator(calibration, SIZE).certificate
 
 
 def test_codes_and_sizes_that_make_no_sense_are_refused(calibration: Calibration) -> None:
     compensator = Compensator(calibration, SIZE)
-    with pytest.raises(InputError, match="uint8 is encoded; solve takes linear light"):
-        compensator.solve(np.full((SIZE, SIZE, 3), 76, np.uint8))
+    with pytest.raises(InputError, match="uint8 is encoded; predict takes linear light"):
+        compensator.predict(np.full((SIZE, SIZE, 3), 76, np.uint8))
     for size in (0, -5):
         with pytest.raises(InputError, match=f"size: {size} px is too small"):
             Compensator(calibration, size)
@@ -319,17 +322,18 @@ class TestPictures:
         content = np.random.default_rng(5).integers(0, 256, (SIZE, SIZE, 3), dtype=np.uint8)
         expected = Compensator(calibration, SIZE).frame(content)
         compensator = Compensator(calibration, SIZE)
-        assert compensator.frame(content, content) is content
+        solved = compensator.solve(content, content)
+        assert solved.sent is content
         np.testing.assert_array_equal(content, expected)
-        with pytest.raises(InputError, match="do not write over its content"):
-            _ = compensator.certificate
+        with pytest.raises(InputError, match="the frame was written over its content"):
+            _ = solved.certificate
 
     def test_known_numbers_give_the_same_picture(self, calibration: Calibration) -> None:
         content = np.random.default_rng(6).integers(0, 256, (SIZE, SIZE, 3), dtype=np.uint8)
         compensator = Compensator(furnished(calibration), SIZE)
-        expected = compensator.frame(content)
+        solved = compensator.solve(content)
         other = Compensator(furnished(calibration), SIZE)
-        np.testing.assert_array_equal(other.apply(content, compensator.coefficients), expected)
+        np.testing.assert_array_equal(other.apply(content, solved.coefficients), solved.sent)
 
     @pytest.mark.parametrize("kind", [np.uint8, np.float32])
     def test_the_last_evaluation_writes_the_picture(
@@ -346,9 +350,9 @@ class TestPictures:
         frames = [np.roll(scene, k, 1).astype(np.uint8) for scene in scenes for k in range(4)]
         for codes in frames:
             frame = codes if kind is np.uint8 else (codes / np.float32(255)).astype(kind)
-            found = compensator.frame(frame)
-            np.testing.assert_array_equal(found, other.apply(frame, compensator.coefficients))
-            assert compensator.certificate.kkt < (2e-5 if kind is np.uint8 else 1e-7)
+            found = compensator.solve(frame)
+            np.testing.assert_array_equal(found.sent, other.apply(frame, found.coefficients))
+            assert found.certificate.kkt < (2e-5 if kind is np.uint8 else 1e-7)
         assert sum(by is compensator._equations for by in written_late) < len(frames)
 
     @pytest.mark.parametrize("method", ["exact", "least-squares"])
@@ -370,10 +374,8 @@ class TestPictures:
             known = getattr(equations, name)
             counted = lambda *given, known=known, name=name: done.append(name) or known(*given)  # noqa: E731
             setattr(equations, name, counted)
-        compensator.frame(frame)
-        assert compensator._solved is not None
-        start = equations._start(frame, compensator._solved.coding).value
-        solution = compensator._solved.solution.unknowns
+        _, _, coding, solved = _certified(compensator.solve(frame))
+        start, solution = equations._start(frame, coding).value, solved.unknowns
         assert np.abs(start - solution).max() < 0.3 * np.abs(solution).max()
         most = {"exact": 3, "least-squares": 5}[method]
         assert len(done) <= (2 if (method, kind) == ("exact", "grey") else most)
@@ -435,9 +437,9 @@ class TestPictures:
         black = replace(calibration, maps=replace(maps, lo=np.zeros_like(maps.lo)))
         compensator = Compensator(black, SIZE, method)
         compensator.frame(np.full((SIZE, SIZE, 3), 0.5, np.float32))
-        sent = compensator.frame(np.zeros((SIZE, SIZE, 3), np.float32))
-        assert 0 <= sent.min() and sent.max() < 1e-10
-        assert compensator.certificate.self_consistency <= BLACK / DARKEST
+        solved = compensator.solve(np.zeros((SIZE, SIZE, 3), np.float32))
+        assert 0 <= solved.sent.min() and solved.sent.max() < 1e-10
+        assert solved.certificate.self_consistency <= BLACK / DARKEST
 
 
 class TestStrength:
@@ -468,7 +470,7 @@ class TestWhite:
     def test_kept_white_is_the_total_of_todays(self, calibration: Calibration) -> None:
         """Content 1.0 is the total light of a full white as it is today."""
         full = np.ones((SIZE, SIZE, 3), np.float32)
-        today = Compensator(calibration, SIZE, "none").solve(full)
+        today = Compensator(calibration, SIZE, "none").predict(full)
         area = (master_solid_angles(SIZE) * calibration.maps.coverage)[..., None]
         totals = (area * today.observed).sum(axis=(0, 1)) / area.sum()
         kept = Compensator(calibration, SIZE, white="keep")
@@ -479,7 +481,7 @@ class TestWhite:
         content = np.full((SIZE, SIZE, 3), 0.05, np.float32)
         content[45:50, 45:50] = 0.8
         summed, kept = (
-            Compensator(calibration, SIZE, white=w).solve(content) for w in ("summed", "keep")
+            Compensator(calibration, SIZE, white=w).predict(content) for w in ("summed", "keep")
         )
         assert kept.observed[47, 47, 0] > 1.2 * summed.observed[47, 47, 0]
         assert kept.free[47, 47].all()
@@ -509,11 +511,11 @@ class TestProtectedInStates:
         white = "keep" if case in ("keep", "all") else "summed"
         compensator = Compensator(known, SIZE, state=state, white=white)
         content = np.random.default_rng(8).uniform(0.45, 0.7, (SIZE, SIZE, 3)).astype(np.float32)
-        found = compensator.solve(content)
+        found = compensator.predict(content)
         area = (master_solid_angles(SIZE) * maps.coverage)[..., None]
         sent = np.where(covered[..., None], np.clip(content, maps.lo, maps.hi), found.direct)
         flux = (area * sent.astype(float)).sum(axis=(0, 1))
-        np.testing.assert_allclose(compensator.certificate.flux_out, flux, rtol=1e-6)
+        np.testing.assert_allclose(found.solved.certificate.flux_out, flux, rtol=1e-6)
         np.testing.assert_allclose(found.flux, flux, rtol=1e-6)
         ambient = 0 if state is None else lamps
         seen = sent + maps.scatter_per_flux * flux + ambient
@@ -530,7 +532,7 @@ class TestProtectedInStates:
         maps = replace(calibration.maps, protected=Mask("screen", covered))
         compensator = Compensator(replace(calibration, maps=maps), 2 * SIZE)
         content = np.full((2 * SIZE, 2 * SIZE, 3), 0.6, np.float32)
-        found = compensator.solve(content)
+        found = compensator.predict(content)
         ring = np.zeros((2 * SIZE, 2 * SIZE), bool)
         ring[56:124, 76:124] = True
         ring &= ~compensator.protected

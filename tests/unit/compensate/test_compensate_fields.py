@@ -87,7 +87,7 @@ class TestBesideTheLitPart:
         maps = replace(bare.maps, coverage=coverage, hi=hi)
         found = Compensator(replace(bare, maps=maps), 4 * SIZE)
         asked = np.full((4 * SIZE, 4 * SIZE, 3), 0.9, np.float32)
-        assert found.solve(asked).free[found.lit].all()
+        assert found.predict(asked).free[found.lit].all()
 
     def test_what_fades_a_little_can_be_driven_to_full(self, bare: Calibration) -> None:
         coverage = np.where(bare.maps.coverage > 0, np.float32(0.97), np.float32(0))
@@ -122,8 +122,7 @@ class TestBesideTheLitPart:
         for reach in (_continuation.REACH, 40):
             monkeypatch.setattr(_continuation, "REACH", reach)
             compensator = Compensator(large, size, "least-squares")
-            compensator.frame(picture)
-            found.append(compensator.coefficients)
+            found.append(compensator.solve(picture).coefficients)
         np.testing.assert_allclose(found[0], found[1], atol=1e-8 * np.abs(found[1]).max())
 
     @pytest.mark.filterwarnings("error")

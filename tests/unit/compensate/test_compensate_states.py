@@ -101,7 +101,7 @@ class TestExact:
         self, known: Calibration, content: np.ndarray
     ) -> None:
         room = _room(FULL)
-        found = Compensator(known, SIZE, state="full").solve(content)
+        found = Compensator(known, SIZE, state="full").predict(content)
         seen = room.total(room.patches(found.direct) + _lamps())
         free = room.patches(found.free).astype(bool)
         assert 0.9 < free[room.lit].mean() < 1
@@ -112,7 +112,7 @@ class TestExact:
     ) -> None:
         room = _room(FULL)
         for method in ("exact", "none"):
-            found = Compensator(known, SIZE, method, "full").solve(content)  # type: ignore[arg-type]
+            found = Compensator(known, SIZE, method, "full").predict(content)  # type: ignore[arg-type]
             seen = room.total(room.patches(found.direct) + _lamps())
             observed = room.patches(found.observed)
             np.testing.assert_allclose(observed[room.lit], seen[room.lit], atol=EXACT)
@@ -121,7 +121,7 @@ class TestExact:
         self, known: Calibration, content: np.ndarray
     ) -> None:
         room = _room(FULL)
-        found = Compensator(known, SIZE).solve(content)
+        found = Compensator(known, SIZE).predict(content)
         seen = room.total(room.patches(found.direct) + _lamps())
         free = room.patches(found.free).astype(bool)
         assert (seen - room.patches(content))[free].min() > 0.01
@@ -135,7 +135,7 @@ class TestExact:
         u = known.maps.scatter_per_flux * full.scatter_ratio.astype(np.float32)
         lo = known.maps.lo + full.ambient
         maps = replace(known.maps, lo=lo, hi=known.maps.hi + full.ambient, scatter_per_flux=u)
-        wrong = Compensator(replace(known, maps=maps), SIZE).solve(content)
+        wrong = Compensator(replace(known, maps=maps), SIZE).predict(content)
         lamps = room.patches(full.ambient)
         sent = (room.patches(wrong.direct) - lamps) * room.lit[:, None]
         error = room.total(sent + _lamps()) - room.patches(content)
@@ -146,7 +146,7 @@ class TestExact:
 
     def test_black_stays_black_where_lamps_outshine_the_target(self, known: Calibration) -> None:
         black = np.zeros((SIZE, SIZE, 3), np.float32)
-        found = Compensator(known, SIZE, state="full").solve(black)
+        found = Compensator(known, SIZE, state="full").predict(black)
         lit = known.maps.coverage > 0
         np.testing.assert_allclose(found.direct[lit], known.maps.lo[lit], rtol=FLOAT32)
         assert not found.free.any()
@@ -155,7 +155,7 @@ class TestExact:
         self, known: Calibration, content: np.ndarray
     ) -> None:
         dark = replace(known, states={"dark": replace(known.states["full"], ambient=None)})
-        found = Compensator(dark, SIZE, state="dark").solve(content)
+        found = Compensator(dark, SIZE, state="dark").predict(content)
         room = _room(FULL)
         seen = room.total(room.patches(found.direct))
         free = room.patches(found.free).astype(bool)
@@ -167,7 +167,7 @@ class TestExact:
         covered = np.zeros((SIZE, SIZE), bool)
         covered[18:22, 12:20] = True
         maps = replace(known.maps, protected=Mask("screen", covered))
-        found = Compensator(replace(known, maps=maps), SIZE, state="full").solve(content)
+        found = Compensator(replace(known, maps=maps), SIZE, state="full").predict(content)
         np.testing.assert_array_equal(found.direct[covered], content[covered])
 
 

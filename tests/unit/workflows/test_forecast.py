@@ -320,7 +320,7 @@ class TestMeasured:
         content = rng.uniform(0.0, 1.0, (SIZE, SIZE, 3)).astype(np.float32)
         figures, seen = picture_figures(calibration, content)
         compensator = Compensator(calibration, SIZE)
-        result = compensator.solve(content)
+        result = compensator.predict(content)
         np.testing.assert_array_equal(seen.after, result.observed)
         lit = seen.limits < 3
         at_rim = compensator.lit & ~lit

@@ -43,8 +43,8 @@ def _rgb(path, picture):
 
 def _pictures(venue, calibration):
     content = half_sky(SIZE)
-    plain = Compensator(calibration, SIZE, "none").solve(content)
-    exact = Compensator(calibration, SIZE).solve(content)
+    plain = Compensator(calibration, SIZE, "none").predict(content)
+    exact = Compensator(calibration, SIZE).predict(content)
     _rgb(venue / "pictures" / "target.exr", content)
     _rgb(venue / "pictures" / "uncompensated.exr", plain.observed)
     _rgb(venue / "pictures" / "compensated.exr", exact.observed)
