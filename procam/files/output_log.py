@@ -2,7 +2,9 @@
 
 import json
 import threading
+import time
 import zlib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,12 +20,15 @@ class OutputLog:
     Parameters
     ----------
     path : of the log. key : of the calibration, the settings and the program.
+    others : logs of other runs for files in the same folder, which are read too.
     """
 
-    def __init__(self, path: Path, key: str) -> None:
+    def __init__(self, path: Path, key: str, others: Sequence[Path] = ()) -> None:
         self.path, self._key = path, key
         self._lock = threading.Lock()
-        entries = [_entry(line) for line in read_lines(path)]
+        logs = dict.fromkeys([*others, path])
+        entries = [_entry(line) for log in logs for line in read_lines(log)]
+        entries.sort(key=lambda entry: int(entry.get("written_ns", 0)))
         self._entries = {str(entry.get("out")): entry for entry in entries}
 
     def kept(self, out: Path, source: list[int]) -> dict[str, Any] | None:
@@ -45,6 +50,7 @@ class OutputLog:
             "source": source,
             "key": self._key,
             "kept": kept,
+            "written_ns": time.time_ns(),
         }
         with self._lock:
             append_line(self.path, json.dumps({**entry, "checksum": _checksum(entry)}))

@@ -28,8 +28,9 @@ from procam.interfaces.cli._pipe import _latency
 from procam.model.calibration import Calibration
 from procam.workflows.playout.compensate import compensate_clip, each_frame
 from procam.workflows.playout.frame import FrameSettings
+from procam.workflows.playout.pipe_clip import PipeClip
 from procam.workflows.playout.pipeline import ThreadPlan, flow
-from procam.workflows.playout.sources import ClipFrame, PipeClip, count_above_one
+from procam.workflows.playout.sources import ClipFrame, count_above_one
 
 SIZE = 24
 PATIENCE_S = 20.0

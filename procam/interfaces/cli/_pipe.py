@@ -11,7 +11,7 @@ from procam.files.calibration import load_dome
 from procam.interfaces.cli._memory import keep_large_buffers
 from procam.workflows.playout.compensate import compensate_clip
 from procam.workflows.playout.frame import FrameSettings
-from procam.workflows.playout.sources import PipeClip
+from procam.workflows.playout.pipe_clip import PipeClip
 
 PIPE = Path("-")
 SIZES_PX = (2, 16384)  # edges of frames on a pipe

@@ -26,6 +26,7 @@ from procam.interfaces.cli._options import (
 )
 from procam.interfaces.cli._output import Output
 from procam.interfaces.cli._pipe import PIPE, RawFrames, compensate_pipe
+from procam.workflows.playout.chunks import FrameRange
 from procam.workflows.playout.compensate import certified, compensate_file, write_report
 from procam.workflows.playout.frame import FrameSettings
 from procam.workflows.playout.sources import FILE
@@ -74,6 +75,14 @@ def compensate(
     explain: Annotated[
         Path | None, typer.Option(help="Folder for pictures of what happens to the first frame.")
     ] = None,
+    frames: Annotated[
+        str | None,
+        typer.Option(
+            metavar="A-B",
+            help="Only frames A to B. Several commands, on as many computers, may write into one OUT; "
+            "together they make the same bytes as one.",
+        ),
+    ] = None,
     report: Annotated[
         Path | None,
         typer.Option(help="FILE.csv with a line per frame; FILE.plot.png is a plot of it."),
@@ -93,15 +102,18 @@ def compensate(
     output = Output(json)
     _check_plots(explain, report)
     if PIPE in (source, out):
-        if output.as_json or explain:
-            raise InputError("--json and --explain cannot be used on a pipe: stdout carries frames")
+        if output.as_json or explain or frames:
+            raise InputError(
+                "--json, --explain and --frames cannot be used on a pipe: stdout carries all frames"
+            )
         _on_pipe(calibration, RawFrames(source, out, size, pixels), settings, report)
         return
     if size or pixels:
         raise InputError("--size and --pixels are for pipes; use them with - as IN and OUT")
     rows: Rows = {}
     beside, again = _beside(explain, report), report is not None
-    events = compensate_file(calibration, source, out, settings, again, beside)
+    some = FrameRange.parsed(frames) if frames else None
+    events = compensate_file(calibration, source, out, settings, again, beside, some)
     notes = output.follow_frames(_collected(events, rows), quiet=source.is_file()).get("notes", [])
     if report:
         _write_report(report, rows)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from procam import __version__
-from procam.errors import FileFormatError
+from procam.errors import FileFormatError, InputError
 from procam.files import atomic
 from procam.files.calibration import load_dome
 from procam.files.csv_text import csv_text
@@ -19,6 +19,7 @@ from procam.files.images.sequences import Numbered
 from procam.files.output_log import OutputLog
 from procam.model.calibration import Calibration
 from procam.workflows.events import Event
+from procam.workflows.playout.chunks import FrameRange
 from procam.workflows.playout.frame import ERRORS, ClipEngine, FrameSettings
 from procam.workflows.playout.overwrite_check import Named, refuse_overwriting
 from procam.workflows.playout.pipeline import flow
@@ -47,14 +48,16 @@ def compensate_file(
     settings: FrameSettings,
     again: bool = False,
     beside: Sequence[Named] = (),
+    frames: FrameRange | None = None,
 ) -> Iterator[Event]:
     """Compensate IN to OUT; an event per frame, whose data hold its row of the report by its number.
 
+    Only `frames`, if they are given; whatever the ranges, all of them together make the same files.
     Pictures of a sequence that an earlier run finished from the same sources with the same calibration and
     settings are skipped, and the first event has their rows; so is a movie, unless `again`. `beside` is
     the files that the caller will write. Nothing starts if a file would overwrite IN or another output.
     """
-    clip = open_clip(source, out, calibration_dir, settings)
+    clip = open_clip(source, out, calibration_dir, settings, frames)
     refuse_overwriting(clip.read, [*(("OUT", path) for path in clip.written), *beside])
     calibration = load_dome(calibration_dir)
     if isinstance(clip, MovieClip) and clip.is_made and not again:
@@ -63,22 +66,42 @@ def compensate_file(
     yield from compensate_clip(calibration, clip, settings)
 
 
-def open_clip(source: Path, out: Path, calibration_dir: Path, settings: FrameSettings) -> FileClip:
+def open_clip(
+    source: Path,
+    out: Path,
+    calibration_dir: Path,
+    settings: FrameSettings,
+    frames: FrameRange | None = None,
+) -> FileClip:
     """The clip that IN and OUT name, and the frames still to do."""
-    sequence = source_sequence(source)
+    sequence, key = source_sequence(source), run_key(calibration_dir, settings)
     if sequence:
         names = output_names(sequence, out)
-        log = OutputLog(sequence_log(names.folder, names), run_key(calibration_dir, settings))
-        return SequenceClip(sequence, names, log, settings.in_turn)
+        others = sequence_log(names.folder, names, "*")
+        log = OutputLog(sequence_log(names.folder, names, frames), key, _logs(others))
+        return SequenceClip(sequence, names, log, frames, settings.chunks)
     if is_movie(source):
-        log = OutputLog(out.with_name(f"{out.name}.{LOG}"), run_key(calibration_dir, settings))
-        return MovieClip(source, out, log)
+        log = OutputLog(out.with_name(f"{out.name}.{LOG}"), f"{key} {frames or ''}".strip())
+        return MovieClip(source, out, log, frames, settings.chunks)
+    if frames:
+        raise InputError(
+            "--frames is for numbered pictures and movies; leave it out for one picture"
+        )
     return StillClip(source, out)
 
 
-def sequence_log(folder: Path, names: Numbered) -> Path:
-    """Where a folder logs what was written in it: sky.procam.jsonl for sky.0001.exr."""
-    return folder / f"{names.before.strip('._- ')}.{LOG}".lstrip(".")
+def sequence_log(folder: Path, names: Numbered, frames: FrameRange | str | None = None) -> Path:
+    """Where a folder logs what was written in it: sky.procam.jsonl for sky.0001.exr.
+
+    Of a range of frames sky.12-40.procam.jsonl: commands that write into one folder at once have their own.
+    """
+    parts = [names.before.strip("._- "), str(frames or ""), LOG]
+    return folder / ".".join(part for part in parts if part)
+
+
+def _logs(pattern: Path) -> list[Path]:
+    """The logs of ranges that a folder has, by a path with an asterisk."""
+    return sorted(pattern.parent.glob(pattern.name))
 
 
 def compensate_clip(
@@ -91,11 +114,13 @@ def compensate_clip(
     """
     engine, notes = ClipEngine(calibration, settings, clip.suffix, certify), list[str]()
 
-    def work(clip_frame: ClipFrame) -> Callable[[], tuple[str, Row]]:
+    def work(clip_frame: ClipFrame) -> Callable[[], tuple[str, Row] | None]:
         result = engine.make(clip_frame)
         keep_note(notes, clip_frame.note)
 
-        def write() -> tuple[str, Row]:
+        def write() -> tuple[str, Row] | None:
+            if result is None:
+                return None
             clip.write(clip_frame, result)
             return clip_frame.name, result.row
 
@@ -104,7 +129,7 @@ def compensate_clip(
     done = 0
     with clip:
         yield Event("frames", 0, clip.total, "", {"rows": dict(clip.finished)})
-        for done, (name, row) in enumerate(each_frame(clip, work), 1):
+        for done, (name, row) in enumerate(filter(None, each_frame(clip, work)), 1):
             data = {"rows": {row["frame"]: row}, "notes": notes}
             yield Event("frames", done, max(clip.total, done), name, data)
     if not (done or clip.finished):

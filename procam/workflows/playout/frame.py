@@ -19,6 +19,7 @@ from procam.maths.geometry.canvas import STANDARD
 from procam.maths.light.transfer import TRANSFER_NAMES, transfer
 from procam.model.calibration import Calibration
 from procam.model.transport import DomeMaps
+from procam.workflows.playout.chunks import EXACT, VIDEO, ChunkedCompensator, Chunks
 from procam.workflows.playout.encodings import decoded, output_encoding, recoded
 from procam.workflows.playout.sources import ClipFrame, CompensatedFrame, Row
 
@@ -42,9 +43,9 @@ class FrameSettings:
     white_nits: float | None = None
 
     @property
-    def in_turn(self) -> bool:
-        """Whether a frame depends on those before it."""
-        return self.method in PERCEPTUAL and PERCEPTUAL[self.method].video
+    def chunks(self) -> Chunks:
+        """How a clip is split: a movie's pictures depend on those before them."""
+        return VIDEO if self.method in PERCEPTUAL and PERCEPTUAL[self.method].video else EXACT
 
     def checked_method(self) -> str | Perceptual:
         """The method with the settings of its own; refuses them for one that has none."""
@@ -87,19 +88,22 @@ class ClipEngine:
         require_photometry(calibration)
         self._calibration, self._settings, self._suffix = calibration, settings, suffix
         self._certify = certify
-        self._compensator: Compensator | None = None
+        self._compensator: Compensator | None = None  # of the first frame
+        self._chunks = ChunkedCompensator(self._next_compensator, settings.chunks)
+        self._handed_out = False
         self._encoding: tuple[np.dtype[Any], str] | None = None
 
-    def make(self, clip_frame: ClipFrame) -> CompensatedFrame:
-        """Compensate a frame."""
+    def make(self, clip_frame: ClipFrame) -> CompensatedFrame | None:
+        """Compensate a frame; None of one that only precedes those that are wanted."""
         named = named_transfer(clip_frame, self._settings)
         dtype, out = output_encoding(clip_frame.rgb.dtype, named, self._suffix)
         rgb = recoded(clip_frame.rgb, named, dtype, out)
         compensator = self._for(clip_frame, dtype, out)
         row: Row = {"frame": clip_frame.number, "above_one": clip_frame.above_one}
-        if not self._certify:
-            return CompensatedFrame(compensator.frame(rgb, rgb), out, row, _unchecked)
-        solved = compensator.solve(rgb)
+        if not (self._certify and clip_frame.wanted):
+            sent = self._chunks.solve(clip_frame.number, rgb, rgb).sent
+            return CompensatedFrame(sent, out, row, _unchecked) if clip_frame.wanted else None
+        solved = self._chunks.solve(clip_frame.number, rgb)
         row |= _worth(solved, compensator.method) | UNCHECKED
         check = self._check(clip_frame, solved, named, out, row)
         return CompensatedFrame(solved.sent, out, row, check)
@@ -133,17 +137,8 @@ class ClipEngine:
     def _for(self, clip_frame: ClipFrame, dtype: np.dtype[Any], out: str) -> Compensator:
         size = square_edge(clip_frame.rgb, clip_frame.name)
         if self._compensator is None or self._encoding is None:
-            settings = self._settings
-            self._compensator = Compensator(
-                self._calibration,
-                size,
-                settings.checked_method(),
-                settings.state,
-                strength=settings.strength,
-                white=settings.white,
-                transfer_name=out,
-            )
             self._encoding = (dtype, out)
+            self._compensator = self._compensator_of(size)
         if size != self._compensator.size:
             raise FileFormatError(
                 f"{clip_frame.name}: {size} px, but the first frame has {self._compensator.size}; "
@@ -155,6 +150,25 @@ class ClipEngine:
                 f"{self._encoding[0]} in {self._encoding[1]}; render all frames alike"
             )
         return self._compensator
+
+    def _next_compensator(self) -> Compensator:
+        """The first one, then others like it."""
+        assert self._compensator is not None
+        first, self._handed_out = not self._handed_out, True
+        return self._compensator if first else self._compensator_of(self._compensator.size)
+
+    def _compensator_of(self, size: int) -> Compensator:
+        assert self._encoding is not None
+        settings = self._settings
+        return Compensator(
+            self._calibration,
+            size,
+            settings.checked_method(),
+            settings.state,
+            strength=settings.strength,
+            white=settings.white,
+            transfer_name=self._encoding[1],
+        )
 
 
 def linear_compensator(

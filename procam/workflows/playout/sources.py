@@ -1,19 +1,18 @@
-"""Sources and destinations of frames: one picture, numbered pictures, a movie, a pipe.
+"""Sources and destinations of frames: one picture, numbered pictures, a movie.
 
 A `Clip` reads frames as `ClipFrame`s and stores the compensated ones as the source's kind. The file is
-longer than 300 lines because the four kinds follow one protocol and read best side by side.
+longer than 300 lines because the kinds follow one protocol and read best side by side.
 """
 
 import time
-from array import array
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import chain, repeat
+from itertools import repeat
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, BinaryIO, Protocol, Self
+from typing import Any, Protocol, Self
 
 import numpy as np
 
@@ -22,11 +21,10 @@ from procam.errors import FileFormatError, InputError
 from procam.files.images.movie_writer import MovieWriter, new_movie, require_written
 from procam.files.images.movies import MovieFrame, MovieReader
 from procam.files.images.pixels import SUFFIXES, require_suffix
-from procam.files.images.raw_frames import read_frame, write_frame
 from procam.files.images.sequences import Numbered, PictureSequence, find_sequence, parse_pattern
 from procam.files.images.stills import read_still, require_finite, write_still
 from procam.files.output_log import OutputLog, file_state
-from procam.threads import start
+from procam.workflows.playout.chunks import EXACT, Chunks, FrameRange
 from procam.workflows.playout.pipeline import ThreadPlan
 
 Row = dict[str, Any]
@@ -49,6 +47,7 @@ class ClipFrame:
     above_one : pixels that ask for more than 1.0. stated : what the source says of its transfer function.
     source_data : what its writer needs of the source.
     note : what became of the source's colour profile. converted : whether its colours were converted.
+    wanted : whether it is written; others are read for those that follow them.
     received_s : time of the last byte by time.perf_counter [s].
     """
 
@@ -62,6 +61,7 @@ class ClipFrame:
     stated: str = ""
     note: str = ""
     converted: bool = False
+    wanted: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,24 +138,34 @@ class StillClip:
 class SequenceClip:
     """Numbered pictures; those that an earlier run finished from the same source are left out.
 
-    If each depends on those before (`in_turn`) they are made again unless all are finished.
+    Those of `frames`, or all. Pictures that depend on new ones are made again.
     """
 
     def __init__(
-        self, sequence: PictureSequence, names: Numbered, log: OutputLog, in_turn: bool = False
+        self,
+        sequence: PictureSequence,
+        names: Numbered,
+        log: OutputLog,
+        frames: FrameRange | None = None,
+        chunks: Chunks = EXACT,
     ) -> None:
         self._sequence, self._names, self.log = sequence, names, log
-        self.suffix = names.suffix
-        sources = {number: sequence.names.path(number) for number in sequence.numbers}
+        self.suffix, self._chunks = names.suffix, chunks
+        numbers = [n for n in sequence.numbers if frames is None or n in frames]
+        if not numbers:
+            raise InputError(
+                f"--frames {frames}: IN has frames {sequence.numbers[0]} to {sequence.numbers[-1]}"
+            )
+        sources = {number: sequence.names.path(number) for number in numbers}
         self.read = list(sources.values())
         self.written = [*map(names.path, sources), log.path]
         logged = {n: log.kept(names.path(n), file_state(path)) for n, path in sources.items()}
         self.finished: Mapping[int, Row] = {
             n: row for n, row in logged.items() if row is not None and self.is_whole(n, row)
         }
-        if in_turn and len(self.finished) < len(logged):
-            self.finished = {}
-        self._todo = [number for number in logged if number not in self.finished]
+        todo = {number for number in logged if number not in self.finished}
+        self._todo = chunks.depending(numbers, todo)
+        self.finished = {n: row for n, row in self.finished.items() if n not in self._todo}
         self.total = len(self._todo)
 
     def __enter__(self) -> Self:
@@ -173,9 +183,10 @@ class SequenceClip:
         return ThreadPlan.for_pictures(frame_bytes)
 
     def reads(self) -> Reads:
-        """The pictures that are not finished yet."""
-        for number in self._todo:
-            yield partial(self._read, number)
+        """The pictures that are not finished yet, and those before them in their chunks."""
+        numbers = self._sequence.numbers
+        for number, wanted in self._chunks.to_read(numbers, self._todo):
+            yield partial(self._read, number, wanted)
 
     def write(self, clip_frame: ClipFrame, result: CompensatedFrame) -> None:
         """Write a picture and log it."""
@@ -185,18 +196,27 @@ class SequenceClip:
         result.check(read_clip_frame(out, clip_frame.number), FILE)
         self.log.add(out, state, result.row)
 
-    def _read(self, number: int) -> ClipFrame:
+    def _read(self, number: int, wanted: bool) -> ClipFrame:
         path = self._sequence.names.path(number)
         state = file_state(path)
         clip_frame = read_clip_frame(path, number)
-        return replace(clip_frame, source_data=(state, clip_frame.source_data))
+        return replace(clip_frame, source_data=(state, clip_frame.source_data), wanted=wanted)
 
 
 class MovieClip:
-    """A movie to a movie; it is written anew from its first frame unless it is complete."""
+    """A movie, or `frames` of it, to a movie; it is written anew unless it is complete."""
 
-    def __init__(self, source: Path, out: Path, log: OutputLog) -> None:
+    def __init__(
+        self,
+        source: Path,
+        out: Path,
+        log: OutputLog,
+        frames: FrameRange | None = None,
+        chunks: Chunks = EXACT,
+    ) -> None:
         require_written(out)
+        self._range = frames
+        self._first = chunks.first_needed(frames.first) if frames else 0
         self.source, self.out, self.suffix = source, out, out.suffix
         self.read, self.written = [source], [out, log.path]
         self.finished: Mapping[int, Row] = {}
@@ -215,6 +235,8 @@ class MovieClip:
         self.reader = self.stack.enter_context(MovieReader(self.source))
         self._state = file_state(self.source)
         self.total, self._frames, self._count = self.reader.frames, iter(self.reader), 0
+        if self._range is not None:
+            self.total = max(0, min(self.total, self._range.last + 1) - self._range.first)
         return self
 
     def __exit__(self, *error: Any) -> None:
@@ -246,59 +268,18 @@ class MovieClip:
                 check(movie_clip_frame(written, frame, 0), FILE)
 
     def _read(self) -> ClipFrame | None:
-        frame = next(self._frames, None)
-        if frame is None:
-            return None
-        self._count += 1
-        return movie_clip_frame(self.reader, frame, self._count - 1)
-
-
-class PipeClip:
-    """Bare frames from a pipe to a pipe; it keeps how long each took from whole to sent.
-
-    The first is read from the start on, so that a calibration can be read meanwhile.
-    """
-
-    total = 0
-    suffix = ""
-    finished: Mapping[int, Row] = MappingProxyType({})
-
-    def __init__(self, pipes: tuple[BinaryIO, BinaryIO], size: int, dtype: np.dtype[Any]) -> None:
-        self._source, self._out = pipes
-        self._size, self._dtype = size, dtype
-        self._count = 0
-        self.latency_s = array("f")
-        self._first = start(self._read)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        """The pipes are the system's."""
-
-    def thread_plan(self, frame_bytes: int) -> ThreadPlan:
-        """As little waiting as can be."""
-        return ThreadPlan.for_pipe()
-
-    def reads(self) -> Reads:
-        """Frames until the pipe ends."""
-        return chain([self._first.result], repeat(self._read))
-
-    def write(self, clip_frame: ClipFrame, result: CompensatedFrame) -> None:
-        """Send a frame at once; it cannot be read back."""
-        write_frame(self._out, result.rgb)
-        self.latency_s.append(time.perf_counter() - clip_frame.received_s)
-        result.check(replace(clip_frame, rgb=result.rgb, transfer=result.transfer), MEMORY)
-
-    def _read(self) -> ClipFrame | None:
-        rgb: AnyArray = np.empty((self._size, self._size, 3), self._dtype)
-        if not read_frame(self._source, rgb, self._count):
-            return None
-        self._count += 1
-        number = self._count - 1
-        name = f"frame {number} of stdin"
-        default = "linear" if self._dtype.kind == "f" else "srgb"
-        return ClipFrame(number, name, rgb, default, count_above_one(name, rgb))
+        for number, frame in enumerate(self._frames, self._count):
+            self._count = number + 1
+            if self._range is None:
+                return movie_clip_frame(self.reader, frame, number)
+            if number > self._range.last:
+                break
+            if number >= self._first:
+                found = movie_clip_frame(self.reader, frame, number)
+                return replace(found, wanted=number in self._range)
+        if self._range is not None and self._count <= self._range.first:
+            raise InputError(f"--frames {self._range}: IN has frames 0 to {self._count - 1}")
+        return None
 
 
 def read_clip_frame(path: Path, number: int = 0) -> ClipFrame:

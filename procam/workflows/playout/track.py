@@ -26,6 +26,7 @@ from procam.files.images.pixels import write_image
 from procam.files.images.stills import square_edge
 from procam.model.calibration import Calibration
 from procam.workflows.events import Event
+from procam.workflows.playout.chunks import EXACT, ChunkedCompensator
 from procam.workflows.playout.frame import (
     FrameSettings,
     named_transfer,
@@ -158,6 +159,7 @@ class _Rows:
             white=settings.white,
             transfer_name=self.transfer,
         )
+        self._chunks = ChunkedCompensator(lambda: self.compensator, EXACT)
         self.used = self.compensator.fields.model.terms
         self.numbers: list[int] = []
         self._settings, self._out = settings, np.empty_like(first.rgb)
@@ -179,7 +181,7 @@ class _Rows:
                 f"{name}: {_worded(*found)}, but the first frame has {_worded(*expected)}; render "
                 "all frames alike"
             )
-        solved = self.compensator.solve(clip_frame.rgb, self._out)
+        solved = self._chunks.solve(clip_frame.number, clip_frame.rgb, self._out)
         numbers = row(solved.coefficients, self.used)
         self._table.write(csv_text([[clip_frame.number, *(f"{v:.9g}" for v in numbers)]]))
         self.numbers.append(clip_frame.number)

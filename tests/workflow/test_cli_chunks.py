@@ -1,0 +1,150 @@
+"""Any split of a clip's frames gives the bytes of a run over the whole, whatever the type and the method."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+from tiny_venue import procam
+
+from procam.files.calibration import save_calibration
+from procam.files.images.movies import MovieReader
+from procam.files.images.pixels import read_image, write_image
+from procam.maths.geometry.sphere import master_directions
+from procam.model.calibration import Calibration
+from procam.workflows.playout import frame as frame_settings
+from procam.workflows.playout.chunks import Chunks
+
+SIZE, COUNT = 64, 60
+VIDEO = Chunks(20, 7)  # shorter than those of a show: several in these frames
+RGB = ("R", "G", "B")
+Kept = Path
+
+
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory: pytest.TempPathFactory, calibration: Calibration) -> Path:
+    folder = tmp_path_factory.mktemp("chunks") / "0001"
+    save_calibration(calibration, folder)
+    return folder
+
+
+def frame(number: int) -> np.ndarray:
+    """A bright front that turns by 2 degrees from frame to frame, over a dark rear."""
+    direction, inside = master_directions(SIZE)
+    angle = np.radians(2 * number)
+    front = np.clip(direction @ [np.cos(angle), np.sin(angle), 0.2], 0, 1)
+    return np.asarray(((0.01 + 0.8 * front**2) * inside)[..., None].repeat(3, -1), np.float32)
+
+
+def shoot(folder: Path, suffix: str, kind: type) -> Path:
+    for number in range(1, COUNT + 1):
+        light = frame(number)
+        if kind in (np.uint8, np.uint16):
+            light = np.rint(light ** (1 / 2.2) * np.iinfo(kind).max)
+        write_image(folder / f"sky.{number:04d}.{suffix}", light.astype(kind), RGB)
+    return folder
+
+
+def pixels(folder: Path) -> dict[str, bytes]:
+    return {
+        p.name: read_image(p).tobytes()
+        for p in sorted(folder.glob("sky.*"))
+        if p.suffix != ".jsonl"
+    }
+
+
+KINDS = {
+    "8 bits": ("png", np.uint8, "exact"),
+    "16 bits": ("png", np.uint16, "exact"),
+    "half": ("exr", np.float16, "exact"),
+    "float": ("exr", np.float32, "least-squares"),
+    "video": ("exr", np.float16, "perceptual-video"),
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_any_split_gives_the_same_bytes(
+    kind: str, kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(frame_settings, "VIDEO", VIDEO)
+    suffix, dtype, method = KINDS[kind]
+    source = shoot(tmp_path / "in", suffix, dtype)
+
+    def run(out: str, *more: str) -> None:
+        ran = procam("compensate", kept, source, tmp_path / out, "--method", method, *more)
+        assert ran.code == 0, ran
+
+    run("whole")
+    for first, last in ((41, 60), (1, 7), (8, 40)):
+        run("parts", "--frames", f"{first}-{last}")
+    assert len(pixels(tmp_path / "whole")) == COUNT
+    assert pixels(tmp_path / "parts") == pixels(tmp_path / "whole")
+    written = (tmp_path / "parts" / f"sky.0009.{suffix}").stat().st_mtime_ns
+    run("parts")  # the logs of the parts are read: nothing is left to do
+    assert (tmp_path / "parts" / f"sky.0009.{suffix}").stat().st_mtime_ns == written
+
+
+def test_two_ranges_into_one_folder_at_once(kept: Path, tmp_path: Path) -> None:
+    source = shoot(tmp_path / "in", "png", np.uint8)
+    assert procam("compensate", kept, source, tmp_path / "whole").code == 0
+    command = [sys.executable, "-m", "procam", "compensate", str(kept), str(source)]
+    runs = [
+        subprocess.Popen(
+            [*command, str(tmp_path / "parts"), "--frames", part],
+            env=os.environ | {"OMP_NUM_THREADS": "1"},
+            stderr=subprocess.DEVNULL,
+        )
+        for part in ("1-31", "30-60")
+    ]
+    assert [run.wait(120) for run in runs] == [0, 0]
+    assert pixels(tmp_path / "parts") == pixels(tmp_path / "whole")
+    before = {p: p.stat().st_mtime_ns for p in (tmp_path / "parts").glob("*.png")}
+    assert procam("compensate", kept, source, tmp_path / "parts").code == 0
+    assert {p: p.stat().st_mtime_ns for p in (tmp_path / "parts").glob("*.png")} == before
+
+
+def test_a_part_of_a_movie(kept: Path, tmp_path: Path) -> None:
+    source = tmp_path / "sky.mkv"
+    with av.open(str(source), "w") as movie:
+        stream = movie.add_stream("ffv1", rate=25)
+        stream.width, stream.height, stream.pix_fmt = SIZE, SIZE, "bgr0"
+        for number in range(40):
+            picture = np.rint(frame(number) ** (1 / 2.2) * 255).astype(np.uint8)
+            packed = av.VideoFrame.from_ndarray(picture, format="rgb24")
+            movie.mux(stream.encode(packed.reformat(format="bgr0")))
+        movie.mux(stream.encode())
+    command = ("compensate", kept, source)
+    shown = {}
+    for name, more in (("whole", ()), ("part", ("--frames", "30-36"))):
+        out = tmp_path / f"{name}.mkv"
+        assert procam(*command, out, "--transfer", "srgb", *more).code == 0
+        with MovieReader(out) as reader:
+            shown[name] = [each.rgb.tobytes() for each in reader]
+    assert shown["part"] == shown["whole"][30:37]
+    beyond = procam(*command, tmp_path / "x.mkv", "--transfer", "srgb", "--frames", "50-60")
+    assert beyond.code == 2 and "--frames 50-60: IN has frames 0 to 39" in beyond.complaint
+    assert not (tmp_path / "x.mkv").exists()
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("70-80", "--frames 70-80: IN has frames 1 to 60"),
+        ("9-3", "--frames 9-3: is no range; give the first and last number, as 12-40"),
+        ("all", "--frames all: is no range"),
+    ],
+)
+def test_ranges_that_are_none(text: str, words: str, kept: Path, tmp_path: Path) -> None:
+    source = shoot(tmp_path / "in", "png", np.uint8)
+    ran = procam("compensate", kept, source, tmp_path / "out", "--frames", text)
+    assert ran.code == 2 and words in ran.complaint
+    assert not (tmp_path / "out").exists()
+
+
+def test_one_picture_has_no_range(kept: Path, tmp_path: Path) -> None:
+    write_image(tmp_path / "sky.png", (255 * frame(1)).astype(np.uint8), RGB)
+    ran = procam("compensate", kept, tmp_path / "sky.png", tmp_path / "o.png", "--frames", "1-2")
+    assert ran.code == 2 and "--frames is for numbered pictures and movies" in ran.complaint
