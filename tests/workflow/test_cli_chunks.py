@@ -148,3 +148,57 @@ def test_one_picture_has_no_range(kept: Path, tmp_path: Path) -> None:
     write_image(tmp_path / "sky.png", (255 * frame(1)).astype(np.uint8), RGB)
     ran = procam("compensate", kept, tmp_path / "sky.png", tmp_path / "o.png", "--frames", "1-2")
     assert ran.code == 2 and "--frames is for numbered pictures and movies" in ran.complaint
+
+
+def test_content_to_projectors_in_one_pass(
+    kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As compensated light that is warped, in parts too; a frame that was lost is made again alone."""
+    monkeypatch.setattr(frame_settings, "VIDEO", VIDEO)
+    source = shoot(tmp_path / "in", "exr", np.float32)
+    command = ("compensate", kept, source)
+    video = ("--method", "perceptual-video", "--frames")
+
+    def of(folder: str) -> dict[str, bytes]:
+        found = (tmp_path / folder).glob("*/sky.*.png")
+        return {f"{p.parent.name}/{p.name}": read_image(p).tobytes() for p in sorted(found)}
+
+    for method in ("exact", "perceptual-video"):
+        assert procam(*command, tmp_path / f"{method}-light", "--method", method).code == 0
+        assert (
+            procam("warp", kept, tmp_path / f"{method}-light", tmp_path / f"{method}-two").code == 0
+        )
+        more = ("--method", method, "--to", "projectors")
+        assert procam(*command, tmp_path / f"{method}-one", *more).code == 0
+        assert len(of(f"{method}-one")) == 2 * COUNT
+        assert of(f"{method}-one") == of(f"{method}-two")
+    for part in ("33-60", "1-32"):
+        ran = procam(*command, tmp_path / "parts", "--to", "projectors", *video, part)
+        assert ran.code == 0, ran
+    assert of("parts") == of("perceptual-video-two")
+    lost = tmp_path / "exact-two" / "south" / "sky.0050.png"
+    before = {p: p.stat().st_mtime_ns for p in (tmp_path / "exact-two").glob("*/*.png")}
+    lost.unlink()
+    assert procam("warp", kept, tmp_path / "exact-light", tmp_path / "exact-two").code == 0
+    after = {p: p.stat().st_mtime_ns for p in (tmp_path / "exact-two").glob("*/*.png")}
+    assert {p for p in after if after[p] != before[p]} == {
+        tmp_path / "exact-two" / name / "sky.0050.png" for name in ("south", "north")
+    }
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--to", "walls"), "--to walls: is unknown; choose screen or projectors"),
+        (
+            ("--to", "projectors", "--strength", "0.5"),
+            "at full strength: leave out --strength, ",
+        ),
+    ],
+)
+def test_frames_of_projectors_that_are_refused(
+    options: tuple[str, ...], words: str, kept: Path, tmp_path: Path
+) -> None:
+    write_image(tmp_path / "sky.exr", frame(1), RGB)
+    ran = procam("compensate", kept, tmp_path / "sky.exr", tmp_path / "out", *options)
+    assert ran.code == 2 and words in ran.complaint

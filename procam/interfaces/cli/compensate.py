@@ -15,6 +15,7 @@ import typer
 from procam.compensate.perceptual.settings import PERCEPTUAL
 from procam.errors import InputError
 from procam.files.calibration import load_dome
+from procam.interfaces.cli._frames import report_frames
 from procam.interfaces.cli._options import (
     CalibrationArgument,
     DbOption,
@@ -83,6 +84,13 @@ def compensate(
             "together they make the same bytes as one.",
         ),
     ] = None,
+    to: Annotated[
+        str,
+        typer.Option(
+            help="screen, for dome masters of direct light, or projectors: OUT is then a folder for the "
+            "frames of each, as procam warp makes them, in one pass."
+        ),
+    ] = "screen",
     report: Annotated[
         Path | None,
         typer.Option(help="FILE.csv with a line per frame; FILE.plot.png is a plot of it."),
@@ -101,6 +109,13 @@ def compensate(
     settings = FrameSettings(method, state, strength, white, transfer, db, white_nits)
     output = Output(json)
     _check_plots(explain, report)
+    some = FrameRange.parsed(frames) if frames else None
+    if to != "screen":
+        from procam.workflows.playout.warp import warp_file
+
+        _check_to(to, [source, out], settings, plots=bool(explain or report))
+        report_frames(warp_file(calibration, source, out, None, settings, some), source, output)
+        return
     if PIPE in (source, out):
         if output.as_json or explain or frames:
             raise InputError(
@@ -112,7 +127,6 @@ def compensate(
         raise InputError("--size and --pixels are for pipes; use them with - as IN and OUT")
     rows: Rows = {}
     beside, again = _beside(explain, report), report is not None
-    some = FrameRange.parsed(frames) if frames else None
     events = compensate_file(calibration, source, out, settings, again, beside, some)
     notes = output.follow_frames(_collected(events, rows), quiet=source.is_file()).get("notes", [])
     if report:
@@ -120,6 +134,17 @@ def compensate(
     if explain:
         _write_explained(calibration, source, settings, explain)
     _summarise([rows[number] for number in sorted(rows)], out, settings, output, notes)
+
+
+def _check_to(to: str, files: list[Path], settings: FrameSettings, *, plots: bool) -> None:
+    """Refuse what frames of projectors cannot be made with."""
+    if to != "projectors":
+        raise InputError(f"--to {to}: is unknown; choose screen or projectors")
+    if plots or PIPE in files or settings.strength != 1:
+        raise InputError(
+            "--to projectors writes files of each projector at full strength: leave out --strength, "
+            "--report, --explain and pipes, or compensate to the screen and run procam warp"
+        )
 
 
 def _on_pipe(

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from procam.interfaces.cli._frames import report_frames
 from procam.interfaces.cli._options import CalibrationArgument, Json, TransferOption
 from procam.interfaces.cli._output import Output
 from procam.workflows.playout.warp import warp_file
@@ -31,9 +32,4 @@ def warp(
     A picture becomes OUT/PROJECTOR.png, numbered pictures become OUT/PROJECTOR/NAME.png, and a movie
     becomes OUT/PROJECTOR.mov, or .mkv if it was one.
     """
-    output = Output(json)
-    events = warp_file(calibration, source, out, transfer)
-    paths = output.follow_frames(events, quiet=source.is_file())["frames"]
-    for path in paths:
-        output.say(f"{path} written")
-    output.finish({"frames": paths})
+    report_frames(warp_file(calibration, source, out, transfer), source, Output(json))

@@ -78,15 +78,12 @@ def open_clip(
     if sequence:
         names = output_names(sequence, out)
         others = sequence_log(names.folder, names, "*")
-        log = OutputLog(sequence_log(names.folder, names, frames), key, _logs(others))
+        log = OutputLog(sequence_log(names.folder, names, frames), key, logs_of(others))
         return SequenceClip(sequence, names, log, frames, settings.chunks)
     if is_movie(source):
         log = OutputLog(out.with_name(f"{out.name}.{LOG}"), f"{key} {frames or ''}".strip())
         return MovieClip(source, out, log, frames, settings.chunks)
-    if frames:
-        raise InputError(
-            "--frames is for numbered pictures and movies; leave it out for one picture"
-        )
+    refuse_range(frames)
     return StillClip(source, out)
 
 
@@ -99,7 +96,15 @@ def sequence_log(folder: Path, names: Numbered, frames: FrameRange | str | None 
     return folder / ".".join(part for part in parts if part)
 
 
-def _logs(pattern: Path) -> list[Path]:
+def refuse_range(frames: FrameRange | None) -> None:
+    """Refuse a range of the frames of one picture."""
+    if frames:
+        raise InputError(
+            "--frames is for numbered pictures and movies; leave it out for one picture"
+        )
+
+
+def logs_of(pattern: Path) -> list[Path]:
     """The logs of ranges that a folder has, by a path with an asterisk."""
     return sorted(pattern.parent.glob(pattern.name))
 

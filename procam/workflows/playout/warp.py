@@ -1,4 +1,4 @@
-"""`procam warp`: direct light on dome masters to what each projector is sent."""
+"""From dome masters, of direct light or of content, to what each projector is sent."""
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
@@ -8,6 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from procam.compensate.compensator import Compensator
 from procam.compensate.projector_frames import Warper
 from procam.errors import FileFormatError, InputError
 from procam.files.calibration import load_calibration
@@ -20,10 +21,19 @@ from procam.files.output_log import OutputLog
 from procam.maths.light.transfer import transfer as transfer_function
 from procam.model.calibration import Calibration
 from procam.workflows.events import Event
-from procam.workflows.playout.compensate import LOG, each_frame, run_key, sequence_log
+from procam.workflows.playout.chunks import ChunkedCompensator, Chunks, FrameRange
+from procam.workflows.playout.compensate import (
+    LOG,
+    each_frame,
+    logs_of,
+    refuse_range,
+    run_key,
+    sequence_log,
+)
 from procam.workflows.playout.encodings import decoded
 from procam.workflows.playout.frame import (
     FrameSettings,
+    linear_compensator,
     named_transfer,
     require_photometry,
 )
@@ -39,7 +49,9 @@ from procam.workflows.playout.sources import (
 )
 
 Frames = Mapping[str, NDArray[np.uint16]]
+Part = tuple[FrameRange | None, Chunks]
 MAPS = "maps/*.exr"  # a warp needs every projector's
+ALONE = Chunks(1)  # frames of direct light have nothing to do with each other
 
 
 class WarpClip(Clip, Protocol):
@@ -54,13 +66,19 @@ class WarpClip(Clip, Protocol):
 
 
 def warp_file(
-    calibration_dir: Path, source: Path, out: Path, transfer: str | None = None
+    calibration_dir: Path,
+    source: Path,
+    out: Path,
+    transfer: str | None = None,
+    settings: FrameSettings | None = None,
+    frames: FrameRange | None = None,
 ) -> Iterator[Event]:
-    """Write each projector's frames of a clip of direct light under OUT, 16 bits.
+    """Write each projector's frames of a clip under OUT, 16 bits: of direct light, or compensated first.
 
-    OUT/PROJECTOR.png of a picture, OUT/PROJECTOR/NAME.png of numbered pictures (those that an earlier
-    run has finished are skipped), OUT/PROJECTOR.mov or .mkv of a movie. An event per frame, whose data name
-    what is written, {"frames"}, and what became of the first frame's colour profile, {"notes"}.
+    With `settings` the clip is content, which is compensated in linear light on the way; only `frames` of it,
+    if they are given. OUT/PROJECTOR.png of a picture, OUT/PROJECTOR/NAME.png of numbered pictures (those that
+    an earlier run has finished are skipped), OUT/PROJECTOR.mov or .mkv of a movie. An event per frame, whose
+    data name what is written, {"frames"}, and what became of the first frame's colour profile, {"notes"}.
     """
     calibration = load_calibration(calibration_dir)
     require_photometry(calibration)
@@ -69,51 +87,85 @@ def warp_file(
             "CALIBRATION has no projectors, so there is nothing to warp to; behind a media server play the "
             "dome master itself"
         )
-    clip = _open(calibration_dir, calibration, source, out, transfer)
+    plain = FrameSettings(method="warp", transfer=transfer)
+    clip = _open(calibration_dir, calibration, (source, out), settings or plain, frames)
     refuse_overwriting(clip.read, (("OUT", path) for path in clip.written))
-    settings = FrameSettings(transfer=transfer)
-    warper: Warper | None = None  # known by the first frame; preparing it takes seconds
+    maker, notes = _Maker(calibration, settings, transfer), list[str]()
 
-    def work(clip_frame: ClipFrame) -> Callable[[], str]:
-        nonlocal warper
+    def work(clip_frame: ClipFrame) -> Callable[[], str | None]:
         keep_note(notes, clip_frame.note)
-        size = square_edge(clip_frame.rgb, clip_frame.name)
-        name = named_transfer(clip_frame, settings)
-        if warper is None:
-            warper = Warper(calibration, size, np.uint16, decode=transfer_function(name).decode)
-        if size != warper.size:
-            raise FileFormatError(
-                f"{clip_frame.name}: {size} px, but the first frame has {warper.size}; render all frames "
-                "in one size"
-            )
-        codes = clip_frame.rgb.dtype == np.uint8  # others come as light
-        frames = warper.frame(clip_frame.rgb if codes else decoded(clip_frame.rgb, name))
+        made = maker.frames(clip_frame)
 
-        def write() -> str:
-            clip.write_frames(clip_frame, frames)
+        def write() -> str | None:
+            if made is None:
+                return None
+            clip.write_frames(clip_frame, made)
             return clip_frame.name
 
         return write
 
-    notes: list[str] = []
     data = {"frames": clip.paths, "notes": notes}
     with clip:
         yield Event("frames", 0, clip.total, "", data)
-        for done, name in enumerate(each_frame(clip, work), 1):
+        for done, name in enumerate(filter(None, each_frame(clip, work)), 1):
             yield Event("frames", done, max(clip.total, done), name, data)
 
 
+class _Maker:
+    """Makes projector frames of the frames of a clip, which are all of the first one's size."""
+
+    def __init__(
+        self, calibration: Calibration, settings: FrameSettings | None, transfer: str | None
+    ) -> None:
+        self._calibration, self._settings = calibration, settings
+        self._named = FrameSettings(transfer=settings.transfer if settings else transfer)
+        self._warper: Warper | None = None  # known by the first frame; preparing it takes seconds
+        chunks = settings.chunks if settings else ALONE
+        self._chunks = ChunkedCompensator(self._compensator, chunks)
+
+    def frames(self, clip_frame: ClipFrame) -> Frames | None:
+        """A frame (H, W, 3) of each projector; None of one that only precedes those that are wanted."""
+        size = square_edge(clip_frame.rgb, clip_frame.name)
+        name = named_transfer(clip_frame, self._named)
+        if self._warper is None:
+            decode = transfer_function(name).decode
+            self._warper = Warper(self._calibration, size, np.uint16, decode=decode)
+        if size != self._warper.size:
+            raise FileFormatError(
+                f"{clip_frame.name}: {size} px, but the first frame has {self._warper.size}; render all "
+                "frames in one size"
+            )
+        master = clip_frame.rgb
+        if self._settings or master.dtype != np.uint8:  # codes of 8 bits are decoded by a table
+            master = decoded(master, name)
+        if self._settings:
+            master = self._chunks.solve(clip_frame.number, master).sent
+        return self._warper.frame(master) if clip_frame.wanted else None
+
+    def _compensator(self) -> Compensator:
+        assert self._settings is not None and self._warper is not None
+        method = self._settings.checked_method()
+        return linear_compensator(self._calibration, self._warper.size, self._settings, method)
+
+
 def _open(
-    calibration_dir: Path, calibration: Calibration, source: Path, out: Path, transfer: str | None
+    calibration_dir: Path,
+    calibration: Calibration,
+    files: tuple[Path, Path],
+    settings: FrameSettings,
+    frames: FrameRange | None,
 ) -> WarpClip:
-    names = list(calibration.projectors)
+    (source, out), names = files, list(calibration.projectors)
+    chunks = ALONE if settings.method == "warp" else settings.chunks
     sequence = source_sequence(source)
     if sequence:
-        key = run_key(calibration_dir, FrameSettings(method="warp", transfer=transfer), MAPS)
-        log = OutputLog(sequence_log(out, sequence.names), key)
-        return _WarpedSequence(sequence, out, names, log)
+        key = run_key(calibration_dir, settings, MAPS)
+        others = logs_of(sequence_log(out, sequence.names, "*"))
+        log = OutputLog(sequence_log(out, sequence.names, frames), key, others)
+        return _WarpedSequence(sequence, out, names, log, (frames, chunks))
     if is_movie(source):
-        return _WarpedMovie(source, out, calibration)
+        return _WarpedMovie(source, out, calibration, (frames, chunks))
+    refuse_range(frames)
     return _WarpedStill(source, out, names)
 
 
@@ -131,13 +183,13 @@ class _WarpedStill(StillClip):
 
 class _WarpedSequence(SequenceClip):
     def __init__(
-        self, sequence: PictureSequence, out: Path, names: list[str], log: OutputLog
+        self, sequence: PictureSequence, out: Path, names: list[str], log: OutputLog, part: Part
     ) -> None:
         source = sequence.names
         after = f"{source.after.removesuffix(source.suffix)}.png"
         self._outs = {n: Numbered(out / n, source.before, source.digits, after) for n in names}
         self.paths = [str(numbered) for numbered in self._outs.values()]
-        super().__init__(sequence, self._outs[names[-1]], log)
+        super().__init__(sequence, self._outs[names[-1]], log, *part)
         self.written = [o.path(n) for o in self._outs.values() for n in sequence.numbers]
         self.written.append(log.path)
 
@@ -158,13 +210,13 @@ class _WarpedSequence(SequenceClip):
 
 
 class _WarpedMovie(MovieClip):
-    def __init__(self, source: Path, out: Path, calibration: Calibration) -> None:
+    def __init__(self, source: Path, out: Path, calibration: Calibration, part: Part) -> None:
         suffix = ".mkv" if source.suffix == ".mkv" else ".mov"
         self._sizes = {n: p.model.size for n, p in calibration.projectors.items()}
         self._paths = {name: out / f"{name}{suffix}" for name in self._sizes}
         self.paths = [str(path) for path in self._paths.values()]
         self._writers: dict[str, MovieWriter] = {}
-        super().__init__(source, out / f"projector{suffix}", OutputLog(out / LOG, ""))
+        super().__init__(source, out / f"projector{suffix}", OutputLog(out / LOG, ""), *part)
         self.written = list(self._paths.values())
 
     def write_frames(self, clip_frame: ClipFrame, frames: Frames) -> None:
