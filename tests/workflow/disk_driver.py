@@ -136,7 +136,7 @@ def _as_if_not_stopped(left: dict[str, bytes], whole: dict[str, bytes]) -> dict[
 
 def _files(folder: Path) -> dict[str, bytes]:
     """Files by name that are the same in every run."""
-    changing = (*CHANGING, ".lock", ".log")  # a log says what happened, and when
+    changing = (*CHANGING, ".lock", ".log", ".procam.jsonl")  # logs say when
     found = {n: c for n, c in contents(folder).items() if not n.endswith(changing)}
     return {n: MOMENT.sub(b"", c) if n.endswith(".html") else c for n, c in found.items()}
 
