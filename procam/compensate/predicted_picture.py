@@ -56,14 +56,15 @@ class PredictedPicture:
     @property
     def share_off(self) -> float:
         """Share of the places that are judged whose light is a tenth or more off what was asked for."""
-        off = np.abs(self.total - self.asked) > OFF * self.asked
+        off = ~(np.abs(self.total - self.asked) <= OFF * self.asked)  # also where it is no number
         return float(off[self.judged].any(axis=-1).mean()) if self.judged.any() else 0.0
 
 
 def predict_picture(calibration: Calibration, model: Calibration | None = None) -> PredictedPicture:
     """The uniform picture of a calibration's frames, by its own model or another's of the same panels."""
     calibration, model = _thinned(calibration), _thinned(model or calibration)
-    edge = min(EDGE, min(len(p.blend[0]) for p in model.projectors.values()) // PANEL_PX)
+    widths = [len(p.blend[0]) for p in model.projectors.values()]
+    edge = max(2, min(EDGE, min(widths) // PANEL_PX))
     asked, frames = _frames(calibration, edge)
     direction, inside = model.canvas.directions(edge)
     place = master_pixels(direction, model.maps.size)

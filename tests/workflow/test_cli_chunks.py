@@ -124,6 +124,8 @@ def test_a_part_of_a_movie(kept: Path, tmp_path: Path) -> None:
         with MovieReader(out) as reader:
             shown[name] = [each.rgb.tobytes() for each in reader]
     assert shown["part"] == shown["whole"][30:37]
+    other = procam(*command, tmp_path / "part.mkv", "--transfer", "srgb", "--frames", "1-9")
+    assert other.code == 2 and "each part of a movie needs a file of its own" in other.complaint
     beyond = procam(*command, tmp_path / "x.mkv", "--transfer", "srgb", "--frames", "50-60")
     assert beyond.code == 2 and "--frames 50-60: IN has frames 0 to 39" in beyond.complaint
     assert not (tmp_path / "x.mkv").exists()
@@ -202,3 +204,43 @@ def test_frames_of_projectors_that_are_refused(
     write_image(tmp_path / "sky.exr", frame(1), RGB)
     ran = procam("compensate", kept, tmp_path / "sky.exr", tmp_path / "out", *options)
     assert ran.code == 2 and words in ran.complaint
+
+
+def test_a_range_knows_what_a_whole_run_has_written_since(kept: Path, tmp_path: Path) -> None:
+    """With other settings, between two runs of one range."""
+    source = shoot(tmp_path / "in", "exr", np.float32)
+    command = ("compensate", kept, source, tmp_path / "out")
+    assert procam(*command, "--frames", "1-3").code == 0
+    first = {name: pixels(tmp_path / "out")[name] for name in ("sky.0001.exr", "sky.0003.exr")}
+    assert procam(*command, "--method", "none").code == 0
+    assert procam(*command, "--frames", "1-3").code == 0
+    after = pixels(tmp_path / "out")
+    assert {name: after[name] for name in first} == first
+
+
+def test_frames_after_a_changed_source_are_made_again(
+    kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With a method whose pictures follow each other, whichever range was made in between."""
+    monkeypatch.setattr(frame_settings, "VIDEO", VIDEO)
+    source = shoot(tmp_path / "in", "exr", np.float16)
+    command = ("compensate", kept, source)
+    video = ("--method", "perceptual-video")
+    assert procam(*command, tmp_path / "out", *video).code == 0
+    for number in (5, 6):
+        write_image(source / f"sky.{number:04d}.exr", frame(40 + number).astype(np.float16), RGB)
+    assert procam(*command, tmp_path / "out", *video, "--frames", "1-6").code == 0
+    assert procam(*command, tmp_path / "out", *video).code == 0
+    assert procam(*command, tmp_path / "fresh", *video).code == 0
+    assert pixels(tmp_path / "out") == pixels(tmp_path / "fresh")
+
+
+def test_brackets_and_stars_in_names(kept: Path, tmp_path: Path) -> None:
+    for number in (1, 2):
+        picture = (255 * frame(number)).astype(np.uint8)
+        write_image(tmp_path / "in" / f"sky[**].{number:04d}.png", picture, RGB)
+    command = ("compensate", kept, tmp_path / "in", tmp_path / "out")
+    assert procam(*command, "--frames", "1-1").code == 0
+    written = (tmp_path / "out" / "sky[**].0001.png").stat().st_mtime_ns
+    assert procam(*command).code == 0
+    assert (tmp_path / "out" / "sky[**].0001.png").stat().st_mtime_ns == written

@@ -94,13 +94,19 @@ def test_numbered_pictures_follow_each_other(
             np.testing.assert_allclose(found, frame, atol=1e-3)
 
     assert_as_expected()
-    # each depends on those before: with one that is missing those after it are made again
+    # one that is missing is made as it was, from those before it; with another source those after it change
     (tmp_path / "out.2.exr").unlink()
     before = [(tmp_path / f"out.{n}.exr").stat().st_mtime_ns for n in (1, 3)]
     assert procam(*command, *options).code == 0
     assert_as_expected()
     after = [(tmp_path / f"out.{n}.exr").stat().st_mtime_ns for n in (1, 3)]
-    assert after[0] == before[0] and after[1] > before[1]
+    assert after == before
+    shoot(tmp_path / "in.1.exr", dusk(9))
+    assert procam(*command, *options).code == 0
+    ours.restart()
+    expected[:] = [ours.frame(dusk(number)) for number in (0, 9, 2, 3)]
+    assert_as_expected()
+    after = [(tmp_path / f"out.{n}.exr").stat().st_mtime_ns for n in (0, 3)]
     assert procam(*command, *options).code == 0  # nothing is missing: nothing is made
     assert (tmp_path / "out.3.exr").stat().st_mtime_ns == after[1]
 

@@ -9,6 +9,7 @@ from typing import Any
 from procam.errors import InputError
 from procam.files.calibration import load_dome
 from procam.interfaces.cli._memory import keep_large_buffers
+from procam.workflows.playout.chunks import ENDLESS
 from procam.workflows.playout.compensate import compensate_clip
 from procam.workflows.playout.frame import FrameSettings
 from procam.workflows.playout.pipe_clip import PipeClip
@@ -65,7 +66,7 @@ def compensate_pipe(
         clip = PipeClip((stdin, stdout), frames.size, dtype)
         loaded = load_dome(calibration)  # while the first frame is read
         try:
-            for event in compensate_clip(loaded, clip, settings, certify=certify):
+            for event in compensate_clip(loaded, clip, settings, certify, ENDLESS):
                 rows |= event.data["rows"] if certify else {}
         except BrokenPipeError as error:
             raise InputError(

@@ -109,7 +109,9 @@ def compensate(
     settings = FrameSettings(method, state, strength, white, transfer, db, white_nits)
     output = Output(json)
     _check_plots(explain, report)
-    some = FrameRange.parsed(frames) if frames else None
+    some = None if frames is None else FrameRange.parsed(frames)
+    if some and explain:
+        raise InputError("--explain shows the first frame of IN; leave out --frames")
     if to != "screen":
         from procam.workflows.playout.warp import warp_file
 
@@ -117,7 +119,7 @@ def compensate(
         report_frames(warp_file(calibration, source, out, None, settings, some), source, output)
         return
     if PIPE in (source, out):
-        if output.as_json or explain or frames:
+        if output.as_json or explain or some:
             raise InputError(
                 "--json, --explain and --frames cannot be used on a pipe: stdout carries all frames"
             )

@@ -69,16 +69,11 @@ class Chunks:
             if any(number <= last.get(chunk, -1) for chunk in self.of(number)):
                 yield number, number in wanted
 
-    def depending(self, numbers: Sequence[int], changed: Collection[int]) -> set[int]:
-        """The changed frames, and those that look otherwise if these do: none where nothing is led in."""
-        if not self.lead_in:
-            return set(changed)
-        return {n for n in numbers if any(self.first_needed(n) <= each <= n for each in changed)}
-
 
 # to start anew every 32 frames costs an exact solution no time that can be measured; a movie's step from 32
 # frames of lead-in to the next chunk is as large as its other steps, and without them ten times as large
 EXACT, VIDEO = Chunks(32), Chunks(128, 32)
+ENDLESS = Chunks(2**62)  # of a pipe, which is never split
 
 
 class ChunkedCompensator:

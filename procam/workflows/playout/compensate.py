@@ -4,6 +4,7 @@ import hashlib
 import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
+from glob import escape
 from itertools import chain
 from math import isnan
 from pathlib import Path
@@ -19,7 +20,7 @@ from procam.files.images.sequences import Numbered
 from procam.files.output_log import OutputLog
 from procam.model.calibration import Calibration
 from procam.workflows.events import Event
-from procam.workflows.playout.chunks import FrameRange
+from procam.workflows.playout.chunks import Chunks, FrameRange
 from procam.workflows.playout.frame import ERRORS, ClipEngine, FrameSettings
 from procam.workflows.playout.overwrite_check import Named, refuse_overwriting
 from procam.workflows.playout.pipeline import flow
@@ -77,8 +78,9 @@ def open_clip(
     sequence, key = source_sequence(source), run_key(calibration_dir, settings)
     if sequence:
         names = output_names(sequence, out)
-        others = sequence_log(names.folder, names, "*")
-        log = OutputLog(sequence_log(names.folder, names, frames), key, logs_of(others))
+        log = OutputLog(
+            sequence_log(names.folder, names, frames), key, sequence_logs(names.folder, names)
+        )
         return SequenceClip(sequence, names, log, frames, settings.chunks)
     if is_movie(source):
         log = OutputLog(out.with_name(f"{out.name}.{LOG}"), f"{key} {frames or ''}".strip())
@@ -87,7 +89,7 @@ def open_clip(
     return StillClip(source, out)
 
 
-def sequence_log(folder: Path, names: Numbered, frames: FrameRange | str | None = None) -> Path:
+def sequence_log(folder: Path, names: Numbered, frames: FrameRange | None = None) -> Path:
     """Where a folder logs what was written in it: sky.procam.jsonl for sky.0001.exr.
 
     Of a range of frames sky.12-40.procam.jsonl: commands that write into one folder at once have their own.
@@ -104,20 +106,27 @@ def refuse_range(frames: FrameRange | None) -> None:
         )
 
 
-def logs_of(pattern: Path) -> list[Path]:
-    """The logs of ranges that a folder has, by a path with an asterisk."""
-    return sorted(pattern.parent.glob(pattern.name))
+def sequence_logs(folder: Path, names: Numbered) -> list[Path]:
+    """All logs of what was written in a folder: of whole runs, and of ranges."""
+    whole = sequence_log(folder, names)
+    stem = whole.name.removesuffix(LOG)
+    return [whole, *sorted(folder.glob(f"{escape(stem)}*-*.{LOG}"))]
 
 
 def compensate_clip(
-    calibration: Calibration, clip: Clip, settings: FrameSettings, certify: bool = True
+    calibration: Calibration,
+    clip: Clip,
+    settings: FrameSettings,
+    certify: bool = True,
+    chunks: Chunks | None = None,
 ) -> Iterator[Event]:
     """Compensate all frames of a clip; an event per frame, as `compensate_file`'s.
 
     The data also hold "notes": what became of the first frame's colour profile, if it has one.
-    Without `certify` the rows only count what is above 1.0: for live frames.
+    Without `certify` the rows only count what is above 1.0: for live frames. `chunks` are those of the clip,
+    if not those of the settings.
     """
-    engine, notes = ClipEngine(calibration, settings, clip.suffix, certify), list[str]()
+    engine, notes = ClipEngine(calibration, settings, clip.suffix, certify, chunks), list[str]()
 
     def work(clip_frame: ClipFrame) -> Callable[[], tuple[str, Row] | None]:
         result = engine.make(clip_frame)

@@ -79,17 +79,22 @@ class ClipEngine:
     calibration : of the dome. settings : method, state, strength, white and transfer function.
     suffix : of the pictures that will be written; EXR takes linear light, and PNG takes none.
     certify : add the certificate to each row, at the cost of a few evaluations; without it a frame is
-        compensated in place.
+        compensated in place. chunks : of the clip, if not those of the settings.
     """
 
     def __init__(
-        self, calibration: Calibration, settings: FrameSettings, suffix: str, certify: bool = True
+        self,
+        calibration: Calibration,
+        settings: FrameSettings,
+        suffix: str,
+        certify: bool = True,
+        chunks: Chunks | None = None,
     ) -> None:
         require_photometry(calibration)
         self._calibration, self._settings, self._suffix = calibration, settings, suffix
         self._certify = certify
         self._compensator: Compensator | None = None  # of the first frame
-        self._chunks = ChunkedCompensator(self._next_compensator, settings.chunks)
+        self._chunks = ChunkedCompensator(self._next_compensator, chunks or settings.chunks)
         self._handed_out = False
         self._encoding: tuple[np.dtype[Any], str] | None = None
 

@@ -5,6 +5,7 @@ longer than 300 lines because the kinds follow one protocol and read best side b
 """
 
 import time
+import zlib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
@@ -159,13 +160,13 @@ class SequenceClip:
         sources = {number: sequence.names.path(number) for number in numbers}
         self.read = list(sources.values())
         self.written = [*map(names.path, sources), log.path]
-        logged = {n: log.kept(names.path(n), file_state(path)) for n, path in sources.items()}
+        states = {n: file_state(sequence.names.path(n)) for n in sequence.numbers}
+        self._states = {n: _state_of(n, states, chunks) for n in numbers}
+        logged = {n: log.kept(names.path(n), self._states[n]) for n in numbers}
         self.finished: Mapping[int, Row] = {
             n: row for n, row in logged.items() if row is not None and self.is_whole(n, row)
         }
-        todo = {number for number in logged if number not in self.finished}
-        self._todo = chunks.depending(numbers, todo)
-        self.finished = {n: row for n, row in self.finished.items() if n not in self._todo}
+        self._todo = {number for number in logged if number not in self.finished}
         self.total = len(self._todo)
 
     def __enter__(self) -> Self:
@@ -197,10 +198,18 @@ class SequenceClip:
         self.log.add(out, state, result.row)
 
     def _read(self, number: int, wanted: bool) -> ClipFrame:
-        path = self._sequence.names.path(number)
-        state = file_state(path)
-        clip_frame = read_clip_frame(path, number)
+        clip_frame = read_clip_frame(self._sequence.names.path(number), number)
+        state = self._states.get(number)
         return replace(clip_frame, source_data=(state, clip_frame.source_data), wanted=wanted)
+
+
+def _state_of(number: int, states: Mapping[int, list[int]], chunks: Chunks) -> list[int]:
+    """State of a frame's file, and where others lead it in a checksum of theirs."""
+    if not chunks.lead_in:
+        return states[number]
+    first = chunks.first_needed(number)
+    before = [states[n] for n in range(first, number) if n in states]
+    return [*states[number], zlib.crc32(repr(before).encode())]
 
 
 class MovieClip:
@@ -216,6 +225,10 @@ class MovieClip:
     ) -> None:
         require_written(out)
         self._range = frames
+        if frames and out.exists() and not log.kept(out, file_state(source)):
+            raise InputError(
+                f"OUT: {out} exists, and each part of a movie needs a file of its own; give another name"
+            )
         self._first = chunks.first_needed(frames.first) if frames else 0
         self.source, self.out, self.suffix = source, out, out.suffix
         self.read, self.written = [source], [out, log.path]

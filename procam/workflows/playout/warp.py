@@ -25,10 +25,10 @@ from procam.workflows.playout.chunks import ChunkedCompensator, Chunks, FrameRan
 from procam.workflows.playout.compensate import (
     LOG,
     each_frame,
-    logs_of,
     refuse_range,
     run_key,
     sequence_log,
+    sequence_logs,
 )
 from procam.workflows.playout.encodings import decoded
 from procam.workflows.playout.frame import (
@@ -160,7 +160,7 @@ def _open(
     sequence = source_sequence(source)
     if sequence:
         key = run_key(calibration_dir, settings, MAPS)
-        others = logs_of(sequence_log(out, sequence.names, "*"))
+        others = sequence_logs(out, sequence.names)
         log = OutputLog(sequence_log(out, sequence.names, frames), key, others)
         return _WarpedSequence(sequence, out, names, log, (frames, chunks))
     if is_movie(source):

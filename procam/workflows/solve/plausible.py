@@ -13,7 +13,7 @@ from procam.workflows.solve.direct_light import Decoded
 
 # of a projector's decoded pixels: beyond it is noted and refused; some overshoot the rim on purpose
 MUCH_BEYOND, MOST_BEYOND = 0.005, 0.2
-OFF_NOTED, OFF_REFUSED = 0.001, 0.1  # of the lit dome, by the frames of the calibration itself
+OFF_NOTED, OFF_REFUSED = 0.001, 0.02  # of the lit dome, by the frames of the calibration itself
 
 
 def check_on_screen(view: DomeView, found: Mapping[Pair, Decoded]) -> list[str]:

@@ -15,7 +15,7 @@ from procam.model.quality import Figure
 from procam.workflows.events import Event
 from procam.workflows.photographs.driven import Photographer
 from procam.workflows.photographs.open import check_devices
-from procam.workflows.solve.plausible import uneven_picture
+from procam.workflows.solve.plausible import OFF_REFUSED, uneven_picture
 from procam.workflows.verify.photographs import read_reference, take_photographs
 
 SETTLE_S = 1.5  # for irises and lamps that follow the picture
@@ -71,8 +71,8 @@ def _relative(log: Array, sigma: Array) -> Figure:
 
 def _own_picture(calibration: Calibration) -> Iterator[Finding]:
     """A calibration that contradicts itself, as an earlier version of procam may have written it."""
-    _, text = uneven_picture(calibration)
-    if text:
+    share, text = uneven_picture(calibration)
+    if share > OFF_REFUSED:  # a solve notes less, and it is used
         nan = float("nan")
         yield Finding("calibration", "", nan, nan, "-", text, "calibrate again: procam calibrate")
 

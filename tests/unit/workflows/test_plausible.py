@@ -31,6 +31,10 @@ def test_frames_that_leave_a_hole_are_noted_and_refused(
     blend = south.blend.copy()
     blend[:3] = 0
     holed = {**calibration.projectors, "south": replace(south, blend=blend)}
+    unknown = replace(south.photometry, gain=np.full_like(south.photometry.gain, np.nan))
+    unread = {**calibration.projectors, "south": replace(south, photometry=unknown)}
+    with pytest.raises(CalibrationError, match="a uniform picture would be off"):
+        check_calibration(replace(calibration, projectors=unread))
     spoilt = replace(calibration, projectors=holed)
     with pytest.raises(
         CalibrationError, match="shares of their pixels: south from 88%, north from "
