@@ -19,11 +19,8 @@ from procam.maths.warp import grow, sample
 from procam.model.calibration import Calibration, ProjectorCalibration
 
 EDGE, PANEL_PX = 64, 5  # pixels of the picture at most; of a panel, along its side, in each of them
-CONTENT = (
-    0.5,
-    0.4,
-    0.3,
-)  # of white: uniform, so that no rotation of a rig shows, and other in each colour
+# of white: uniform, so that no rotation of a rig shows, and other in each colour
+CONTENT = 0.5, 0.4, 0.3
 SENDS = 0.01  # drive of a pixel that sends light
 WELL_LIT = 0.999  # coverage
 RIM = 2  # pixels beside places that are lit in part

@@ -49,6 +49,14 @@ COMMANDS: dict[str, Command] = {
     "code": lambda d: ("patterns", "--size", "64x48", "--out", d / "out"),
     "picture": lambda d: ("compensate", _calibration(d), d / "sky" / "0001.png", d / "out.exr"),
     "stills": lambda d: ("compensate", _calibration(d), d / "sky", d / "out.%04d.png"),
+    "part of stills": lambda d: (
+        *("compensate", _calibration(d), d / "sky", d / "out.%04d.png"),
+        *("--frames", "1-2"),
+    ),
+    "frames of projectors": lambda d: (
+        *("compensate", _calibration(d), d / "sky", d / "out"),
+        *("--to", "projectors"),
+    ),
     "compensated movie": lambda d: (
         *("compensate", _calibration(d), d / "sky.mkv", d / "out.mov"),
         *("--transfer", "srgb"),
@@ -136,7 +144,7 @@ def _as_if_not_stopped(left: dict[str, bytes], whole: dict[str, bytes]) -> dict[
 
 def _files(folder: Path) -> dict[str, bytes]:
     """Files by name that are the same in every run."""
-    changing = (*CHANGING, ".lock", ".log", ".procam.jsonl")  # logs say when
+    changing = (*CHANGING, ".lock", ".log", "procam.jsonl")  # logs say when
     found = {n: c for n, c in contents(folder).items() if not n.endswith(changing)}
     return {n: MOMENT.sub(b"", c) if n.endswith(".html") else c for n, c in found.items()}
 

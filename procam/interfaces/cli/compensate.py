@@ -37,66 +37,76 @@ if TYPE_CHECKING:
 
 EXAMPLE = "procam compensate my-dome/calibrations/0001 sky.%04d.exr direct"
 Rows = dict[int, dict[str, Any]]  # lines of the report by frame
+SourceArgument = Annotated[
+    Path,
+    typer.Argument(
+        metavar="IN",
+        help="Dome masters: a PNG, TIFF or EXR; numbered ones as sky.%04d.exr, sky.####.exr or a "
+        "folder; a movie; or - for bare frames from stdin.",
+    ),
+]
+OutArgument = Annotated[
+    Path,
+    typer.Argument(
+        metavar="OUT",
+        help="A picture; a pattern or a folder; a .mov (ProRes 4444) or .mkv (FFV1, lossless); or "
+        "- for stdout.",
+    ),
+]
+MethodOption = Annotated[
+    str,
+    typer.Option(
+        help="exact; perceptual, which keeps contrast where exact would need negative light, or "
+        "perceptual-video for movies; subtract, least-squares, paper-eq12 (for comparison) or none."
+    ),
+]
+StrengthOption = Annotated[
+    float, typer.Option(help="From 0, the content as it is, to 1, all of the correction.")
+]
+ExplainOption = Annotated[
+    Path | None, typer.Option(help="Folder for pictures of what happens to the first frame.")
+]
+FramesOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="A-B",
+        help="Only frames A to B. Of numbered pictures several commands, on as many computers, may write "
+        "into one OUT; together they make the same bytes as one.",
+    ),
+]
+ToOption = Annotated[
+    str,
+    typer.Option(
+        help="screen, for dome masters of direct light, or projectors: OUT is then a folder for the "
+        "frames of each, as procam warp makes them, in one pass."
+    ),
+]
+ReportOption = Annotated[
+    Path | None,
+    typer.Option(help="FILE.csv with a line per frame; FILE.plot.png is a plot of it."),
+]
+SizeOption = Annotated[int, typer.Option(help="With -: edge of the frames, in px.")]
+PixelsOption = Annotated[str, typer.Option(help="With -: rgb24, rgb48le, rgbf16le or rgbf32le.")]
 
 
 def compensate(
     calibration: CalibrationArgument,
-    source: Annotated[
-        Path,
-        typer.Argument(
-            metavar="IN",
-            help="Dome masters: a PNG, TIFF or EXR; numbered ones as sky.%04d.exr, sky.####.exr or a "
-            "folder; a movie; or - for bare frames from stdin.",
-        ),
-    ],
-    out: Annotated[
-        Path,
-        typer.Argument(
-            metavar="OUT",
-            help="A picture; a pattern or a folder; a .mov (ProRes 4444) or .mkv (FFV1, lossless); or "
-            "- for stdout.",
-        ),
-    ],
+    source: SourceArgument,
+    out: OutArgument,
     *,
-    method: Annotated[
-        str,
-        typer.Option(
-            help="exact; perceptual, which keeps contrast where exact would need negative light, or "
-            "perceptual-video for movies; subtract, least-squares, paper-eq12 (for comparison) or none."
-        ),
-    ] = "exact",
+    method: MethodOption = "exact",
     db: DbOption = None,
     white_nits: WhiteNitsOption = None,
-    strength: Annotated[
-        float, typer.Option(help="From 0, the content as it is, to 1, all of the correction.")
-    ] = 1.0,
+    strength: StrengthOption = 1.0,
     white: WhiteOption = "summed",
     transfer: TransferOption = None,
     state: StateOption = None,
-    explain: Annotated[
-        Path | None, typer.Option(help="Folder for pictures of what happens to the first frame.")
-    ] = None,
-    frames: Annotated[
-        str | None,
-        typer.Option(
-            metavar="A-B",
-            help="Only frames A to B. Several commands, on as many computers, may write into one OUT; "
-            "together they make the same bytes as one.",
-        ),
-    ] = None,
-    to: Annotated[
-        str,
-        typer.Option(
-            help="screen, for dome masters of direct light, or projectors: OUT is then a folder for the "
-            "frames of each, as procam warp makes them, in one pass."
-        ),
-    ] = "screen",
-    report: Annotated[
-        Path | None,
-        typer.Option(help="FILE.csv with a line per frame; FILE.plot.png is a plot of it."),
-    ] = None,
-    size: Annotated[int, typer.Option(help="With -: edge of the frames, in px.")] = 0,
-    pixels: Annotated[str, typer.Option(help="With -: rgb24, rgb48le, rgbf16le or rgbf32le.")] = "",
+    explain: ExplainOption = None,
+    frames: FramesOption = None,
+    to: ToOption = "screen",
+    report: ReportOption = None,
+    size: SizeOption = 0,
+    pixels: PixelsOption = "",
     json: Json = False,
 ) -> None:
     """Take the scattered light out of dome masters.
@@ -112,6 +122,8 @@ def compensate(
     some = None if frames is None else FrameRange.parsed(frames)
     if some and explain:
         raise InputError("--explain shows the first frame of IN; leave out --frames")
+    if (size or pixels) and PIPE not in (source, out):
+        raise InputError("--size and --pixels are for pipes; use them with - as IN and OUT")
     if to != "screen":
         from procam.workflows.playout.warp import warp_file
 
@@ -125,8 +137,6 @@ def compensate(
             )
         _on_pipe(calibration, RawFrames(source, out, size, pixels), settings, report)
         return
-    if size or pixels:
-        raise InputError("--size and --pixels are for pipes; use them with - as IN and OUT")
     rows: Rows = {}
     beside, again = _beside(explain, report), report is not None
     events = compensate_file(calibration, source, out, settings, again, beside, some)

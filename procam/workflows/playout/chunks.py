@@ -8,6 +8,7 @@ is led in: its compensator also gets the last frames before it, so that nothing 
 import re
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 from procam.arrays import AnyArray
 from procam.compensate.compensator import Compensator
@@ -76,12 +77,28 @@ EXACT, VIDEO = Chunks(32), Chunks(128, 32)
 ENDLESS = Chunks(2**62)  # of a pipe, which is never split
 
 
+@dataclass(frozen=True, slots=True)
+class Part:
+    """The frames of a clip that are wanted, or all, and the chunks in which they are solved."""
+
+    frames: FrameRange | None = None
+    chunks: Chunks = EXACT
+
+    def __contains__(self, number: int) -> bool:
+        return self.frames is None or number in self.frames
+
+
 class ChunkedCompensator:
     """Solves frames in their order, each chunk from itself; `make` gives a new compensator."""
 
     def __init__(self, make: Callable[[], Compensator], chunks: Chunks) -> None:
         self._make, self._chunks = make, chunks
         self._by_chunk = dict[int, Compensator]()
+
+    @cached_property
+    def first(self) -> Compensator:
+        """The compensator of the first chunk."""
+        return self._make()
 
     def solve(self, number: int, image: AnyArray, out: AnyArray | None = None) -> SolvedFrame:
         """Solve a frame, see `Compensator.solve`."""
@@ -93,7 +110,10 @@ class ChunkedCompensator:
     def _of(self, chunk: int) -> Compensator:
         if chunk not in self._by_chunk:
             over = [each for each in self._by_chunk if each < chunk - (self._chunks.lead_in > 0)]
-            compensator = self._by_chunk.pop(over[0]) if over else self._make()
+            if over:
+                compensator = self._by_chunk.pop(over[0])
+            else:
+                compensator = self._make() if self._by_chunk else self.first
             compensator.restart()
             self._by_chunk[chunk] = compensator
         return self._by_chunk[chunk]

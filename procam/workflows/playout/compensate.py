@@ -20,7 +20,7 @@ from procam.files.images.sequences import Numbered
 from procam.files.output_log import OutputLog
 from procam.model.calibration import Calibration
 from procam.workflows.events import Event
-from procam.workflows.playout.chunks import Chunks, FrameRange
+from procam.workflows.playout.chunks import Chunks, FrameRange, Part
 from procam.workflows.playout.frame import ERRORS, ClipEngine, FrameSettings
 from procam.workflows.playout.overwrite_check import Named, refuse_overwriting
 from procam.workflows.playout.pipeline import flow
@@ -81,10 +81,10 @@ def open_clip(
         log = OutputLog(
             sequence_log(names.folder, names, frames), key, sequence_logs(names.folder, names)
         )
-        return SequenceClip(sequence, names, log, frames, settings.chunks)
+        return SequenceClip(sequence, names, log, Part(frames, settings.chunks))
     if is_movie(source):
         log = OutputLog(out.with_name(f"{out.name}.{LOG}"), f"{key} {frames or ''}".strip())
-        return MovieClip(source, out, log, frames, settings.chunks)
+        return MovieClip(source, out, log, Part(frames, settings.chunks))
     refuse_range(frames)
     return StillClip(source, out)
 

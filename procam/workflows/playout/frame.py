@@ -93,23 +93,21 @@ class ClipEngine:
         require_photometry(calibration)
         self._calibration, self._settings, self._suffix = calibration, settings, suffix
         self._certify = certify
-        self._compensator: Compensator | None = None  # of the first frame
-        self._chunks = ChunkedCompensator(self._next_compensator, chunks or settings.chunks)
-        self._handed_out = False
-        self._encoding: tuple[np.dtype[Any], str] | None = None
+        self._chunks = ChunkedCompensator(self._compensator, chunks or settings.chunks)
+        self._like: tuple[int, np.dtype[Any], str] | None = None  # size and encoding of the first
 
     def make(self, clip_frame: ClipFrame) -> CompensatedFrame | None:
         """Compensate a frame; None of one that only precedes those that are wanted."""
         named = named_transfer(clip_frame, self._settings)
         dtype, out = output_encoding(clip_frame.rgb.dtype, named, self._suffix)
         rgb = recoded(clip_frame.rgb, named, dtype, out)
-        compensator = self._for(clip_frame, dtype, out)
+        self._require_alike(clip_frame, dtype, out)
         row: Row = {"frame": clip_frame.number, "above_one": clip_frame.above_one}
         if not (self._certify and clip_frame.wanted):
             sent = self._chunks.solve(clip_frame.number, rgb, rgb).sent
             return CompensatedFrame(sent, out, row, _unchecked) if clip_frame.wanted else None
         solved = self._chunks.solve(clip_frame.number, rgb)
-        row |= _worth(solved, compensator.method) | UNCHECKED
+        row |= _worth(solved, self._settings.method) | UNCHECKED
         check = self._check(clip_frame, solved, named, out, row)
         return CompensatedFrame(solved.sent, out, row, check)
 
@@ -135,36 +133,28 @@ class ClipEngine:
 
     @cached_property
     def _light_check(self) -> LightCheck:
-        assert self._compensator is not None
-        size, gain = self._compensator.size, self._compensator.fields.shown.gain
-        return LightCheck(self._calibration, size, self._settings.state, gain)
+        first = self._chunks.first
+        gain = first.fields.shown.gain
+        return LightCheck(self._calibration, first.size, self._settings.state, gain)
 
-    def _for(self, clip_frame: ClipFrame, dtype: np.dtype[Any], out: str) -> Compensator:
+    def _require_alike(self, clip_frame: ClipFrame, dtype: np.dtype[Any], out: str) -> None:
+        """Refuse a frame whose size or encoding is not the first one's."""
         size = square_edge(clip_frame.rgb, clip_frame.name)
-        if self._compensator is None or self._encoding is None:
-            self._encoding = (dtype, out)
-            self._compensator = self._compensator_of(size)
-        if size != self._compensator.size:
+        self._like = first_size, *encoding = self._like or (size, dtype, out)
+        if size != first_size:
             raise FileFormatError(
-                f"{clip_frame.name}: {size} px, but the first frame has {self._compensator.size}; "
+                f"{clip_frame.name}: {size} px, but the first frame has {first_size}; "
                 "render all frames in one size"
             )
-        if (dtype, out) != self._encoding:
+        if [dtype, out] != encoding:
             raise FileFormatError(
                 f"{clip_frame.name}: {clip_frame.rgb.dtype} pixels in {out}, but the first frame has "
-                f"{self._encoding[0]} in {self._encoding[1]}; render all frames alike"
+                f"{encoding[0]} in {encoding[1]}; render all frames alike"
             )
-        return self._compensator
 
-    def _next_compensator(self) -> Compensator:
-        """The first one, then others like it."""
-        assert self._compensator is not None
-        first, self._handed_out = not self._handed_out, True
-        return self._compensator if first else self._compensator_of(self._compensator.size)
-
-    def _compensator_of(self, size: int) -> Compensator:
-        assert self._encoding is not None
-        settings = self._settings
+    def _compensator(self) -> Compensator:
+        assert self._like is not None
+        settings, (size, _, out) = self._settings, self._like
         return Compensator(
             self._calibration,
             size,
@@ -172,7 +162,7 @@ class ClipEngine:
             settings.state,
             strength=settings.strength,
             white=settings.white,
-            transfer_name=self._encoding[1],
+            transfer_name=out,
         )
 
 

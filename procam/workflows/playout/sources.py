@@ -25,7 +25,7 @@ from procam.files.images.pixels import SUFFIXES, require_suffix
 from procam.files.images.sequences import Numbered, PictureSequence, find_sequence, parse_pattern
 from procam.files.images.stills import read_still, require_finite, write_still
 from procam.files.output_log import OutputLog, file_state
-from procam.workflows.playout.chunks import EXACT, Chunks, FrameRange
+from procam.workflows.playout.chunks import Chunks, Part
 from procam.workflows.playout.pipeline import ThreadPlan
 
 Row = dict[str, Any]
@@ -139,29 +139,25 @@ class StillClip:
 class SequenceClip:
     """Numbered pictures; those that an earlier run finished from the same source are left out.
 
-    Those of `frames`, or all. Pictures that depend on new ones are made again.
+    Those of a `part`, or all. Pictures that depend on new ones are made again.
     """
 
     def __init__(
-        self,
-        sequence: PictureSequence,
-        names: Numbered,
-        log: OutputLog,
-        frames: FrameRange | None = None,
-        chunks: Chunks = EXACT,
+        self, sequence: PictureSequence, names: Numbered, log: OutputLog, part: Part
     ) -> None:
         self._sequence, self._names, self.log = sequence, names, log
-        self.suffix, self._chunks = names.suffix, chunks
-        numbers = [n for n in sequence.numbers if frames is None or n in frames]
+        self.suffix, self._chunks = names.suffix, part.chunks
+        numbers = [n for n in sequence.numbers if n in part]
         if not numbers:
             raise InputError(
-                f"--frames {frames}: IN has frames {sequence.numbers[0]} to {sequence.numbers[-1]}"
+                f"--frames {part.frames}: IN has frames {sequence.numbers[0]} to {sequence.numbers[-1]}"
             )
         sources = {number: sequence.names.path(number) for number in numbers}
         self.read = list(sources.values())
         self.written = [*map(names.path, sources), log.path]
-        states = {n: file_state(sequence.names.path(n)) for n in sequence.numbers}
-        self._states = {n: _state_of(n, states, chunks) for n in numbers}
+        before = sequence.numbers if part.chunks.lead_in else numbers
+        states = {n: file_state(sequence.names.path(n)) for n in before}
+        self._states = {n: _state_of(n, states, part.chunks) for n in numbers}
         logged = {n: log.kept(names.path(n), self._states[n]) for n in numbers}
         self.finished: Mapping[int, Row] = {
             n: row for n, row in logged.items() if row is not None and self.is_whole(n, row)
@@ -213,23 +209,16 @@ def _state_of(number: int, states: Mapping[int, list[int]], chunks: Chunks) -> l
 
 
 class MovieClip:
-    """A movie, or `frames` of it, to a movie; it is written anew unless it is complete."""
+    """A movie, or a part of it, to a movie; it is written anew unless it is complete."""
 
-    def __init__(
-        self,
-        source: Path,
-        out: Path,
-        log: OutputLog,
-        frames: FrameRange | None = None,
-        chunks: Chunks = EXACT,
-    ) -> None:
+    def __init__(self, source: Path, out: Path, log: OutputLog, part: Part) -> None:
         require_written(out)
-        self._range = frames
+        self._range = frames = part.frames
         if frames and out.exists() and not log.kept(out, file_state(source)):
             raise InputError(
                 f"OUT: {out} exists, and each part of a movie needs a file of its own; give another name"
             )
-        self._first = chunks.first_needed(frames.first) if frames else 0
+        self._first = part.chunks.first_needed(frames.first) if frames else 0
         self.source, self.out, self.suffix = source, out, out.suffix
         self.read, self.written = [source], [out, log.path]
         self.finished: Mapping[int, Row] = {}

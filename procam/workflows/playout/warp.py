@@ -21,7 +21,7 @@ from procam.files.output_log import OutputLog
 from procam.maths.light.transfer import transfer as transfer_function
 from procam.model.calibration import Calibration
 from procam.workflows.events import Event
-from procam.workflows.playout.chunks import ChunkedCompensator, Chunks, FrameRange
+from procam.workflows.playout.chunks import ChunkedCompensator, Chunks, FrameRange, Part
 from procam.workflows.playout.compensate import (
     LOG,
     each_frame,
@@ -49,7 +49,6 @@ from procam.workflows.playout.sources import (
 )
 
 Frames = Mapping[str, NDArray[np.uint16]]
-Part = tuple[FrameRange | None, Chunks]
 MAPS = "maps/*.exr"  # a warp needs every projector's
 ALONE = Chunks(1)  # frames of direct light have nothing to do with each other
 
@@ -88,7 +87,8 @@ def warp_file(
             "dome master itself"
         )
     plain = FrameSettings(method="warp", transfer=transfer)
-    clip = _open(calibration_dir, calibration, (source, out), settings or plain, frames)
+    part = Part(frames, settings.chunks if settings else ALONE)
+    clip = _open(calibration_dir, calibration, (source, out), settings or plain, part)
     refuse_overwriting(clip.read, (("OUT", path) for path in clip.written))
     maker, notes = _Maker(calibration, settings, transfer), list[str]()
 
@@ -153,19 +153,18 @@ def _open(
     calibration: Calibration,
     files: tuple[Path, Path],
     settings: FrameSettings,
-    frames: FrameRange | None,
+    part: Part,
 ) -> WarpClip:
     (source, out), names = files, list(calibration.projectors)
-    chunks = ALONE if settings.method == "warp" else settings.chunks
     sequence = source_sequence(source)
     if sequence:
         key = run_key(calibration_dir, settings, MAPS)
         others = sequence_logs(out, sequence.names)
-        log = OutputLog(sequence_log(out, sequence.names, frames), key, others)
-        return _WarpedSequence(sequence, out, names, log, (frames, chunks))
+        log = OutputLog(sequence_log(out, sequence.names, part.frames), key, others)
+        return _WarpedSequence(sequence, out, names, log, part)
     if is_movie(source):
-        return _WarpedMovie(source, out, calibration, (frames, chunks))
-    refuse_range(frames)
+        return _WarpedMovie(source, out, calibration, part)
+    refuse_range(part.frames)
     return _WarpedStill(source, out, names)
 
 
@@ -189,7 +188,7 @@ class _WarpedSequence(SequenceClip):
         after = f"{source.after.removesuffix(source.suffix)}.png"
         self._outs = {n: Numbered(out / n, source.before, source.digits, after) for n in names}
         self.paths = [str(numbered) for numbered in self._outs.values()]
-        super().__init__(sequence, self._outs[names[-1]], log, *part)
+        super().__init__(sequence, self._outs[names[-1]], log, part)
         self.written = [o.path(n) for o in self._outs.values() for n in sequence.numbers]
         self.written.append(log.path)
 
@@ -216,7 +215,7 @@ class _WarpedMovie(MovieClip):
         self._paths = {name: out / f"{name}{suffix}" for name in self._sizes}
         self.paths = [str(path) for path in self._paths.values()]
         self._writers: dict[str, MovieWriter] = {}
-        super().__init__(source, out / f"projector{suffix}", OutputLog(out / LOG, ""), *part)
+        super().__init__(source, out / f"projector{suffix}", OutputLog(out / LOG, ""), part)
         self.written = list(self._paths.values())
 
     def write_frames(self, clip_frame: ClipFrame, frames: Frames) -> None:
