@@ -9,7 +9,19 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from benchmarks import areas, bundle, demo, frame, gray, perceptual, phase, solve, start, warp
+from benchmarks import (
+    areas,
+    bundle,
+    demo,
+    frame,
+    gray,
+    memory,
+    perceptual,
+    phase,
+    solve,
+    start,
+    warp,
+)
 from benchmarks.measure import Goal, Report, as_json
 from procam import kernels
 
@@ -29,6 +41,7 @@ BENCHES: tuple[Callable[[], Report], ...] = (
     frame.bench_light,
     perceptual.bench,
     start.bench,
+    memory.bench,
     demo.bench,
 )
 

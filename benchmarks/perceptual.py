@@ -8,8 +8,8 @@ import numpy as np
 from benchmarks.measure import Goal, Report, Times, interleaved
 from procam.compensate.compensator import Compensator
 from procam.compensate.perceptual.settings import Perceptual
-from procam.interfaces.cli._memory import keep_large_buffers
 from procam.maths.geometry.sphere import master_directions, master_solid_angles
+from procam.memory import keep_large_buffers
 from procam.model.calibration import Calibration
 from procam.model.screen import Dome
 from procam.model.transport import DomeMaps, Measured

@@ -1,12 +1,12 @@
 """Mistakes of people and devices that leave photographs which look sound: what is noticed, what is wrong.
 
-Ten rooms drawn at random, and the standard venue with ten seeds of noise, are calibrated without a mistake
-and with each of `simulators.mistakes` at three strengths. A mistake is noticed if procam refuses the session,
-or says something of it that it does not say of the same room without one. A result is wrong if it misses a
-bound of `figures` that the same room meets without the mistake. Then each is verified after mistakes with one
+Nine rooms drawn at random and the standard venue are calibrated without a mistake and with each of
+`simulators.mistakes` at three strengths. A mistake is noticed if procam refuses the session, or says
+something of it that it does not say of the same room without one. A result is wrong if it misses a bound of
+`figures` that the same room meets without the mistake. Then each is verified after mistakes with one
 projector that were made since. Mistakes before other commands are drawn by
 `python -m studies.mistakes SEED RUNS [COMMAND ...]`, which prints what comes of each. Writes
-studies/mistakes.json and studies/mistakes.md; `python -m studies mistakes` remakes them in two hours.
+studies/mistakes.json and studies/mistakes.md; `python -m studies mistakes` remakes them in three hours.
 """
 
 import re
@@ -54,8 +54,8 @@ from studies.measure import rms, side_by_side, write
 from studies.photometry import traced
 from studies.rooms import SIZE, TRUTH_SIZE, direction_errors, response_in_rooms
 
-ROOMS = (209, 213, 214, 216, 226, 231, 232, 237, 240, 243)  # of one or two projectors, to save time
-SEEDS = range(1, 11)  # noise of the standard venue
+ROOMS = (209, 213, 214, 216, 226, 231, 232, 237, 243)  # of one or two projectors, to save time
+SEEDS = (10,)  # noise of the standard venue
 LIT = 0.999
 AREA_PX = 12  # edge of an area of a panel, of which gains are compared
 SIGMAS = 1.96

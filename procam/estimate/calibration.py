@@ -7,7 +7,7 @@ the maps of a dome master. `workflows.solve.light` measures the light of each pr
 longer than 300 lines because all of these parts meet in one place.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -21,7 +21,7 @@ from procam.estimate.light.blend import Blender, common_white
 from procam.estimate.light.dome_scatter import DomeScatter, measure_scatter
 from procam.estimate.light.edge_blend import edge_blend_notes
 from procam.estimate.light.floor_albedo import floor_notes, flux_notes
-from procam.estimate.light.footprint import camera_pixels, lit_share, project_surface
+from procam.estimate.light.footprint import lit_share, project_surface
 from procam.estimate.light.luminance_matching import matched_white
 from procam.estimate.light.projector_response import ColourFit
 from procam.estimate.light.scatter_kernel import BLACK_BLUR_PX, CELLS, ScatterSample
@@ -31,7 +31,6 @@ from procam.estimate.light.unknown_vignetting import vignetting_notes
 from procam.maths.geometry.sphere import master_directions, master_solid_angles
 from procam.maths.warp import blur, sample
 from procam.model.calibration import Calibration, ProjectorCalibration
-from procam.model.correspondence import ProjectorSurface
 from procam.model.mask import Nudge
 from procam.model.photometry import Photometry, ResponseCurve
 from procam.model.quality import Figure, Goal
@@ -85,14 +84,14 @@ def assemble(
     falloff_per_rad : largest relative change of the white per radian (`luminance_matching`).
     """
     unmix = _content_matrix(measured)
-    content = {name: converted(m.light, unmix) for name, m in measured.items()}
-    moved = _moved_arcmin(geometry, measured)
+    content = _Converted(measured, unmix)
+    moved = _moved_arcmin(view, measured)
     surfaces = {
-        name: project_surface(geometry, name, dome, light, nudges, moved)
+        name: project_surface(geometry, name, dome, view, light, nudges, moved)
         for name, light in content.items()
     }
     blender = Blender(geometry.projectors, surfaces, dome)
-    master = _Master(geometry, measured, blender)
+    master = _Master(dome, view, measured, blender)
     hi = master.blended(content)
     lit = master.coverage > COVERED
     shape = matched_white(hi, lit, falloff_per_rad)
@@ -100,14 +99,19 @@ def assemble(
     to_relative = np.diag(1 / white) @ unmix
     samples = [[x.converted(unmix) for x in m.scatter_samples] for m in measured.values()]
     scatter = measure_scatter(
-        dome, view, [*content.values()], samples, master.flux_in_cells(hi), master.coverage
+        dome, view, content.values(), samples, master.flux_in_cells(hi), master.coverage
     )
     lo = master.black_level(measured, to_relative)
     maps = master.maps(scatter, hi / white, lo, shape if falloff_per_rad else None)
-    projectors = {
-        name: _projector(geometry, name, surfaces[name], measured, light.extended / white, blender)
-        for name, light in content.items()
-    }
+    projectors = dict[str, ProjectorCalibration]()
+    for name, surface in surfaces.items():
+        direction = np.nan_to_num(surface.direction)
+        seen = sample(content[name].extended() / white, view.camera_pixels(dome, direction))
+        blend = blender.weights(direction)[name] * surface.valid
+        photometry = _photometry(name, measured, seen * surface.valid[..., None])
+        projectors[name] = ProjectorCalibration(
+            geometry.projectors[name], surface, photometry, blend.astype(np.float32)
+        )
     notes = [*provenance.get("notes", []), *(note for m in measured.values() for note in m.notes)]
     notes += [*floor_notes(dome, scatter.floor), *flux_notes(scatter.floor)]
     notes += [*spot_notes(scatter.solution.per_flux, view), *edge_blend_notes(projectors)]
@@ -120,18 +124,16 @@ def assemble(
         scatter.feedback,
         scatter.albedo,
         to_relative,
-        _quality(geometry, measured, master, scatter),
+        _quality(geometry, moved, measured, master, scatter),
         {**provenance, "notes": notes},
         main_camera=geometry.main,
     )
 
 
-def _moved_arcmin(
-    geometry: GeometrySolution, measured: Mapping[str, ProjectorMeasurement]
-) -> float:
+def _moved_arcmin(view: DomeView, measured: Mapping[str, ProjectorMeasurement]) -> float:
     """The most that the main camera turned while projectors were photographed [arcmin]."""
     pixels = max(m.moved_px for m in measured.values())
-    return float(60 * np.degrees(pixels / np.mean(geometry.camera.lens.focal)))
+    return float(60 * np.degrees(pixels / np.mean(view.camera.lens.focal)))
 
 
 class _Master:
@@ -139,7 +141,8 @@ class _Master:
 
     def __init__(
         self,
-        geometry: GeometrySolution,
+        dome: Dome,
+        view: DomeView,
         measured: Mapping[str, ProjectorMeasurement],
         blender: Blender,
     ) -> None:
@@ -147,7 +150,7 @@ class _Master:
         self._weights = blender.weights(direction.astype(np.float32))
         # a projector's blur lights directions that none of its pixels reaches
         reached = np.sum(list(self._weights.values()), axis=0) > 0
-        self.where = camera_pixels(geometry, direction)
+        self.where = view.camera_pixels(dome, direction)
         shares = [lit_share(m.light, self.where) for m in measured.values()]
         # a ramp about one half, insensitive to noise near 0 and 1
         ramp = np.clip(2 * np.max(shares, axis=0) - 0.5, 0, 1) * (self.inside & reached)
@@ -161,7 +164,8 @@ class _Master:
     def blended(self, lights: Mapping[str, SeparatedLight]) -> Array:
         """Direct light (N, N, 3) of all projectors at full white, blended."""
         each = [
-            w[..., None] * sample(lights[n].extended, self.where) for n, w in self._weights.items()
+            w[..., None] * sample(lights[n].extended(), self.where)
+            for n, w in self._weights.items()
         ]
         return np.asarray(np.sum(each, axis=0), float)
 
@@ -223,6 +227,22 @@ def _mean_mix(measured: Mapping[str, ProjectorMeasurement]) -> Array:
     return np.asarray(np.mean([m.colour.mix for m in measured.values()], axis=0))
 
 
+class _Converted(Mapping[str, SeparatedLight]):
+    """Light of projectors in content channels, converted when it is used: twice the light is much memory."""
+
+    def __init__(self, measured: Mapping[str, ProjectorMeasurement], matrix: Array) -> None:
+        self._measured, self._matrix = measured, matrix
+
+    def __getitem__(self, name: str) -> SeparatedLight:
+        return converted(self._measured[name].light, self._matrix)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._measured)
+
+    def __len__(self) -> int:
+        return len(self._measured)
+
+
 def converted(light: SeparatedLight, matrix: Array) -> SeparatedLight:
     """Light in content channels, from camera channels, by a (3, 3) matrix."""
     small = matrix.T.astype(np.float32)
@@ -230,30 +250,18 @@ def converted(light: SeparatedLight, matrix: Array) -> SeparatedLight:
         light,
         direct=light.direct @ small,
         scattered=light.scattered @ small,
-        extended=light.extended @ small,
         flux=light.flux @ matrix.T,
     )
 
 
-def _projector(
-    geometry: GeometrySolution,
-    name: str,
-    surface: ProjectorSurface,
-    measured: Mapping[str, ProjectorMeasurement],
-    white_light: FloatArray,
-    blender: Blender,
-) -> ProjectorCalibration:
-    """One projector: its gain from the camera at each pixel's direction, its mix in content channels."""
-    own, direction = measured[name], np.nan_to_num(surface.direction)
-    gain = sample(white_light, camera_pixels(geometry, direction))
-    gain = np.maximum(gain, 0) * surface.valid[..., None]
-    blend = blender.weights(direction)[name] * surface.valid
+def _photometry(
+    name: str, measured: Mapping[str, ProjectorMeasurement], gain: FloatArray
+) -> Photometry:
+    """A projector's gain (H, W, 3), its response, and its mix in content channels."""
+    own = measured[name]
     mix = np.linalg.inv(_mean_mix(measured)) @ own.colour.mix
     mix = np.asarray(mix / mix.sum(axis=1, keepdims=True), float)
-    photometry = Photometry(own.response, mix, gain.astype(np.float32), own.exponent)
-    return ProjectorCalibration(
-        geometry.projectors[name], surface, photometry, blend.astype(np.float32)
-    )
+    return Photometry(own.response, mix, np.maximum(gain, 0).astype(np.float32), own.exponent)
 
 
 def _direction_sigmas(geometry: GeometrySolution, moved_arcmin: float) -> dict[str, Figure]:
@@ -270,6 +278,7 @@ def _direction_sigmas(geometry: GeometrySolution, moved_arcmin: float) -> dict[s
 
 def _quality(
     geometry: GeometrySolution,
+    moved_arcmin: float,
     measured: Mapping[str, ProjectorMeasurement],
     master: _Master,
     scatter: DomeScatter,
@@ -289,7 +298,7 @@ def _quality(
             len(residual),
             "above it the dome is not a sphere",
         ),
-        **_direction_sigmas(geometry, _moved_arcmin(geometry, measured)),
+        **_direction_sigmas(geometry, moved_arcmin),
         "shape_degree": Figure(float(geometry.rig.shape.degree), "-"),
         "additivity_error": Figure(
             additivity, "-", Goal("<=", MAX_ADDITIVITY_ERROR), len(measured)

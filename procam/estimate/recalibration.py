@@ -13,7 +13,7 @@ import numpy as np
 
 from procam.arrays import Array, BoolArray, Image
 from procam.estimate.calibration import ProjectorMeasurement, converted, direct_black
-from procam.estimate.geometry.model import project_to_camera
+from procam.estimate.geometry.camera_view import DomeView
 from procam.estimate.geometry.screen_points import round_shape, screen_points
 from procam.estimate.geometry.solve import GeometrySolution
 from procam.estimate.light.blend import Blender
@@ -36,8 +36,8 @@ def with_projector(
     calibration: Calibration,
     name: str,
     geometry: GeometrySolution,
-    measured: ProjectorMeasurement,
-    black_before: Image,
+    view: DomeView,
+    before_and_now: tuple[ProjectorMeasurement, ProjectorMeasurement],
     nudges: Sequence[Nudge],
     provenance: Mapping[str, Any],
 ) -> Calibration:
@@ -46,36 +46,37 @@ def with_projector(
     Parameters
     ----------
     geometry : the known rig, in which that projector was solved (`geometry.known_rig`).
-    measured : its light, in camera channels. black_before : (H, W, 3) direct radiance of its black at the
-        time of the calibration, as the same camera saw it.
+    view : of the main camera. before_and_now : the projector's light in its channels, in the session of the
+        calibration and in the new one.
     provenance : of the new calibration.
     """
+    _, measured = before_and_now
     content = converted(measured.light, calibration.content_from_camera)
-    moved = float(measured.moved_px / np.mean(geometry.camera.lens.focal) * ARCMIN)
-    surface = project_surface(geometry, name, calibration.screen, content, nudges, moved)
+    moved = float(measured.moved_px / np.mean(view.camera.lens.focal) * ARCMIN)
+    surface = project_surface(geometry, name, calibration.screen, view, content, nudges, moved)
     # errors of the screen and the camera are those of before
     shared = calibration.projectors[name].surface.sigma_arcmin
     surface = replace(surface, sigma_arcmin=np.hypot(surface.sigma_arcmin, shared))
-    photometry = _photometry(calibration, geometry, surface.direction, measured, content)
+    photometry = _photometry(calibration, view, surface.direction, measured, content)
     gain = photometry.gain * surface.valid[..., None]
     unblended = np.full_like(surface.measured, np.nan)  # `_joined` blends it
     new = ProjectorCalibration(
         geometry.projectors[name], surface, replace(photometry, gain=gain), unblended
     )
-    blacks = [_black(calibration, each) for each in (black_before, direct_black(measured))]
+    blacks = [_black(calibration, view, direct_black(each)) for each in before_and_now]
     return _joined(calibration, name, new, blacks, provenance)
 
 
 def _photometry(
     calibration: Calibration,
-    geometry: GeometrySolution,
+    view: DomeView,
     direction: Image,
     measured: ProjectorMeasurement,
     content: SeparatedLight,
 ) -> Photometry:
     """Gain at each pixel's direction, and the colour mix in content channels."""
-    points = screen_points(round_shape(calibration.screen), np.nan_to_num(direction))
-    gain = sample(content.extended, project_to_camera(geometry.camera, points))
+    at = view.camera_pixels(calibration.screen, np.nan_to_num(direction))
+    gain = sample(content.extended(), at)
     mix = calibration.content_from_camera @ (measured.colour.mix * _white(measured)[:, None])
     mix = np.asarray(mix / mix.sum(axis=1, keepdims=True), float)
     return Photometry(measured.response, mix, np.maximum(gain, 0), measured.exponent)
@@ -87,11 +88,11 @@ def _white(measured: ProjectorMeasurement) -> Array:
     return np.asarray(light.direct[light.lit].mean(axis=0, dtype=float))
 
 
-def _black(calibration: Calibration, direct: Image) -> Image:
+def _black(calibration: Calibration, view: DomeView, direct: Image) -> Image:
     """Black light (N, N, 3) of one projector on the dome master [rel]."""
     smooth = blur(direct, BLACK_BLUR_PX) @ calibration.content_from_camera.T.astype(np.float32)
-    points = screen_points(round_shape(calibration.screen), _directions(calibration))
-    return np.maximum(sample(smooth, project_to_camera(calibration.camera, points)), 0)
+    at = view.camera_pixels(calibration.screen, _directions(calibration))
+    return np.maximum(sample(smooth, at), 0)
 
 
 def _directions(calibration: Calibration) -> Image:

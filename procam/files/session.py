@@ -149,7 +149,7 @@ class Session:
         _check(path, counts, entry, size)
         pixel_format: PixelFormat = "mono" if counts.ndim == 2 else "rgb"
         settings = CameraSettings(entry.in_force_s or exposure_s, pixel_format, entry.gain)
-        return Frame(counts.astype(np.uint16), settings, entry.started_s, entry.ended_s)
+        return Frame(counts.astype(np.uint16, copy=False), settings, entry.started_s, entry.ended_s)
 
     def without(self, directory: Path, projectors: Collection[str]) -> "Session":
         """The same session in another folder, without photographs of some projectors; the rest are links.

@@ -90,10 +90,11 @@ def blur_within(image: FloatArray, mask: BoolArray, sigma_px: float) -> Image:
     """
     weight = blur(mask.astype(np.float32), sigma_px)
     shaped = (..., None) if image.ndim == 3 else (...,)
-    total = blur(np.where(mask[shaped], image, 0.0), sigma_px)
-    return np.where(weight[shaped] > 1e-4, total / np.maximum(weight[shaped], 1e-4), 0.0).astype(
-        np.float32
-    )
+    total = blur(np.where(mask[shaped], image, np.float32(0)), sigma_px)
+    reached = weight > 1e-4
+    total /= np.maximum(weight, 1e-4)[shaped]
+    total[~reached] = 0
+    return total
 
 
 def grow(mask: BoolArray, pixels: int) -> BoolArray:

@@ -48,7 +48,8 @@ class MainCamera:
 
 def screen_view(venue: Venue, dome: Dome, radiometer: Radiometer) -> DomeView:
     """A camera's view of the screen, without the manual masks of both."""
-    seen = radiometer.seen & ~camera_masks(venue)[radiometer.camera.name].covered
+    masks, binning = camera_masks(venue), radiometer.binning
+    seen = radiometer.seen & ~binning.largest(masks[radiometer.camera.name].covered)
     view = DomeView.of(radiometer.camera, dome, radiometer.rays, seen)
     places = master_pixels(np.nan_to_num(view.direction), MASTER_SIZE)
     return view.without(screen_mask(venue, MASTER_SIZE).at(places))

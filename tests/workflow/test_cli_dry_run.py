@@ -5,6 +5,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 from tiny_venue import TINY_PAIR, make_venue, procam
 from venue_texts import load_venue_of
@@ -12,7 +13,9 @@ from venue_texts import load_venue_of
 from procam.files.venue.load import Venue, template_text
 from procam.interfaces.cli._dry_run import photograph_s, run_dry, work
 from procam.interfaces.cli._output import Output
+from procam.model.optics import CameraModel, Lens, Sensor
 from procam.model.plan import Shot
+from procam.workflows.solve.memory import solve_bytes
 
 BY_HAND = template_text("by-hand")
 SIX = ("north", "south", "east", "west", "up", "down")
@@ -135,3 +138,25 @@ class TestDryRun:
         said = capsys.readouterr().out
         assert f"directions can be solved after {until} shots" in said
         assert "  north, then south: 1 white, 1 black, " in said
+
+
+class TestMemory:
+    def test_it_grows_with_the_camera_and_has_a_bound(self) -> None:
+        small, large, largest = (
+            solve_bytes([camera(size)]) / 1e9 for size in ((1600, 1600), (6000, 4000), (9000, 6000))
+        )
+        assert 1.5 < small < 2.0 < large < 3.2 and large < largest < 6.0
+
+    def test_it_is_said(self, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+        venue = _by_hand(tmp_path)
+        document = _document(venue, capsys)
+        assert document["solve_memory_gb"] == round(solve_bytes(venue.cameras.values()) / 1e9, 1)
+        run_dry(venue, Output(as_json=False))
+        assert f"to solve it takes {document['solve_memory_gb']} GB" in capsys.readouterr().out
+
+
+def camera(size: tuple[int, int]) -> CameraModel:
+    """A fisheye."""
+    middle = (np.array(size) - 1) / 2
+    lens = Lens("kannala-brandt", np.full(2, min(size) / 3.3), middle, np.zeros(4))
+    return CameraModel("zenith", size, lens, Sensor(12, 64.0))

@@ -28,7 +28,7 @@ from procam.model.frame import Frame
 from procam.workflows.capture.session_images import SessionImages
 from procam.workflows.doctor.doctor import examine
 from procam.workflows.doctor.findings import Diagnosis
-from procam.workflows.solve import calibrate
+from procam.workflows.solve.decode import decode_pixels
 from procam.workflows.venue_rig import open_rig
 from simulators.faults import FaultyCamera, FaultyProjector, apply_faults
 from simulators.scene import SceneSize
@@ -120,9 +120,9 @@ class TestSound:
         (view,) = json.loads(procam("doctor", tmp_path, "--json").out)["views"]
         session = take_session(venue)
         readings = SessionImages(session, session.read_plan(), Radiometer(venue.cameras["zenith"]))
-        decoded, _, notes = calibrate.decode_projector(venue, readings, "south")
-        found = decoded.map
-        assert notes == []
+        pixels = decode_pixels(venue, readings, "south")
+        found = pixels.map
+        assert pixels.notes == []
         median = np.median(found.sigma_px[found.valid])
         # blur is not foreseen, and takes a little of the waves
         assert view["plan"]["column_sigma_px"] == pytest.approx(0.93 * median, rel=0.1)

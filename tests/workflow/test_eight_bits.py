@@ -17,6 +17,7 @@ from procam.model.frame import Frame
 from procam.model.plan import Shot
 from procam.workflows.capture.session_images import SessionImages
 from procam.workflows.solve import calibrate, direct_light
+from procam.workflows.solve.decode import decode_projector
 from simulators.truth import write_truth
 
 BLACK, EIGHT_BLACK = 64.0, 4.0
@@ -69,7 +70,7 @@ def test_the_noise_is_the_cameras(taken: tuple) -> None:
 
 def test_a_dim_picture_is_decoded(taken: tuple) -> None:
     clear, dim = (
-        calibrate.decode_projector(taken[0], images(taken, kind), "south")[0].map.valid
+        decode_projector(taken[0], images(taken, kind), "south")[0].valid
         for kind in (EightBits, Dim)
     )
     white, black = images(taken, Dim).white_and_black("south")

@@ -8,6 +8,7 @@ from procam.arrays import AnyArray, Array, BoolArray, FloatArray, IndexArray
 PLATEAU_PIXELS = 50  # at the highest level; fewer are specks
 # times as many as at the level below it: noise makes the number fall towards the top
 PLATEAU_CLEAR = 3
+BAND = 256  # rows
 LEVEL_SHARES = 1e-3, 3e-3  # of full scale: widths of a level, in which pixels saturate
 DIM_BRIGHT, DIM_DARK = 0.5, 0.25  # of the bright level: pixels to compare exposures by
 DIM_PIXELS, DIM_SIGMAS = 100, 20.0  # of them; of noise, by which the shorter photograph shows them
@@ -22,12 +23,20 @@ def early_clipping(counts: AnyArray, full: int) -> tuple[int, float] | None:
     camera clips, as by a limited range or a highlight mode, it is the most frequent of the upper ones.
     """
     for channel in np.moveaxis(np.atleast_3d(counts), -1, 0):
-        number = np.bincount(channel.ravel())
+        number = _histogram(channel, full)
         top = len(number) - 1
         for width in (max(1, round(share * full)) for share in LEVEL_SHARES):
             if BRIGHT_SHARE * full < top < full - width and _is_plateau(number, width):
                 return top, float(number[-width:].sum() / channel.size)
     return None
+
+
+def _histogram(counts: AnyArray, full: int) -> IndexArray:
+    """How many pixels (H, W) have each level, up to the highest; some rows at a time, to save memory."""
+    number = np.zeros(1 + max(full, int(counts.max())), int)
+    for top in range(0, len(counts), BAND):
+        number += np.bincount(counts[top : top + BAND].ravel(), minlength=len(number))
+    return np.trim_zeros(number, "b")
 
 
 def _is_plateau(number: IndexArray, width: int) -> bool:

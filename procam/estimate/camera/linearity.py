@@ -11,7 +11,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter
 from scipy.optimize import brentq
 
-from procam.arrays import AnyArray, Array
+from procam.arrays import AnyArray, Array, Map
 from procam.errors import NotEnoughData, OutOfModelRange, ShapeError
 
 MIN_PIXELS = 50
@@ -56,7 +56,7 @@ def linearity_error(
     The weight of a pixel is how bright both pictures are at its neighbours, an instrumental variable:
     weights from the pixel itself would correlate with its noise and resemble a gamma.
     """
-    pictures = [np.asarray(p, float) for p in (white, black, pattern, inverse)]
+    pictures = [np.asarray(p, np.float32) for p in (white, black, pattern, inverse)]
     for name, picture in zip(("black", "pattern", "inverse"), pictures[1:], strict=True):
         if picture.shape != pictures[0].shape:
             raise ShapeError(name, picture.shape, f"{pictures[0].shape} like white")
@@ -69,10 +69,12 @@ def linearity_error(
             f"linearity: only {int(use.sum())} pixels are bright in both pattern and inverse; {MIN_PIXELS} "
             "are needed. Give stripes that the camera sees, and their inverse"
         )
-    return _solve_exponent([p[use] / top for p in pictures], weight[use])
+    return _solve_exponent(
+        [p[use].astype(float) / top for p in pictures], weight[use].astype(float)
+    )
 
 
-def _brightness_of_both(white: Array, black: Array, pattern: Array, inverse: Array) -> Array:
+def _brightness_of_both(white: Map, black: Map, pattern: Map, inverse: Map) -> Map:
     """Product of the two pictures' shares of white (H, W), averaged over the eight neighbours."""
     around = []
     for picture in (white, black, pattern, inverse):
@@ -80,7 +82,7 @@ def _brightness_of_both(white: Array, black: Array, pattern: Array, inverse: Arr
         around.append((9 * uniform_filter(known, 3, mode="nearest") - known) / 8)
     span = np.maximum(around[0] - around[1], 1e-9)
     shares = [np.clip((p - around[1]) / span, 0, 1) for p in around[2:]]
-    return np.asarray(shares[0] * shares[1])
+    return np.asarray(shares[0] * shares[1], np.float32)
 
 
 def _solve_exponent(pictures: Sequence[Array], weight: Array) -> Linearity:

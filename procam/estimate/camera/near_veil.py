@@ -88,6 +88,11 @@ class NearVeilFit:
         for sums in (self._weight, self._dark, self._veil, self._squares, self._products):
             sums[...] = 0
 
+    def extend(self, other: "NearVeilFit") -> None:
+        """Add the groups of another fit."""
+        self._groups += other._groups
+        self._compared += other._compared
+
     def result(self) -> list[tuple[float, float]]:
         """Share of the light, and spread [of the shorter side], of each Gaussian that there is.
 

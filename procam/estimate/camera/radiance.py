@@ -1,16 +1,21 @@
 """Raw counts to relative radiance: black level, exposure, vignetting, veiling glare."""
 
+from collections.abc import Iterator
 from copy import copy
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 
-from procam.arrays import Image
+from procam.arrays import Array, Array32, BoolArray, Image
+from procam.estimate.camera.binning import Binning
 from procam.estimate.camera.near_veil import near_veil
 from procam.maths.geometry.lenses import project, unproject
 from procam.model.frame import Frame
 from procam.model.optics import CameraModel, Sensor
 
+BAND = 256  # rows at a time: in double precision whole pictures would take gigabytes
+LEAST_LIGHT = 0.05  # that vignetting may leave
 FOLD_PX = 1e-3  # of a pixel's ray, projected again; a lens has no ray for what lies beyond its fold
 
 
@@ -19,30 +24,76 @@ class Radiometer:
 
     Saturated pixels become NaN. Pixels that are not `seen` are not valid: they lie outside the image
     circle, or beyond the radius at which the lens's polynomial has its maximum.
+
+    Parameters
+    ----------
+    photographed : the camera.
+    binning : joins pixels of its photographs; none by default.
+
+    Attributes
+    ----------
+    camera : whose pixels are those of the radiance. seen : (H, W).
     """
 
-    def __init__(self, camera: CameraModel) -> None:
-        self.camera = camera
-        width, height = camera.size
-        pixels = np.stack(np.meshgrid(np.arange(width), np.arange(height)), -1).astype(float)
-        self.rays = unproject(pixels, camera.lens)
-        theta = np.arccos(np.clip(self.rays[..., 2], -1, 1))
-        fall = np.ones_like(theta)
-        for power, coefficient in enumerate(camera.sensor.vignetting, start=1):
-            fall += coefficient * theta ** (2 * power)
-        centre = camera.lens.centre
-        off_axis = np.hypot(pixels[..., 0] - centre[0], pixels[..., 1] - centre[1])
-        circle = camera.lens.kind == "brown" or off_axis <= min(camera.size) / 2
-        away = np.linalg.norm(project(self.rays, camera.lens) - pixels, axis=-1)
-        self.seen = np.asarray((fall > 0.05) & circle & (away < FOLD_PX))
-        self._correction = np.where(self.seen, 1 / np.maximum(fall, 0.05), 0.0).astype(np.float32)
+    def __init__(self, photographed: CameraModel, binning: Binning | None = None) -> None:
+        self.photographed = photographed
+        self.binning = binning or Binning.none(photographed.size)
+        self.camera = self.binning.camera(photographed)
+        width, height = self.camera.size
+        self.seen = np.empty((height, width), bool)
+        for rows in self._bands():
+            self.seen[rows] = self._has_light(rows)
+
+    @cached_property
+    def rays(self) -> Array:
+        """Unit vectors (H, W, 3) of the pixels, in the camera's frame."""
+        return unproject(self._pixels(slice(0, self.camera.size[1])), self.camera.lens)
+
+    @cached_property
+    def _correction(self) -> Array32:
+        """Factor (H, W) against vignetting; 0 where nothing is seen."""
+        found = np.empty(self.seen.shape, np.float32)
+        for rows in self._bands():
+            fall = self._fall(unproject(self._pixels(rows), self.camera.lens))
+            found[rows] = np.where(self.seen[rows], 1 / np.maximum(fall, LEAST_LIGHT), 0.0)
+        return found
+
+    @cached_property
+    def _mean_weight(self) -> Array32:
         # a matrix product is much faster than a sum over two axes
-        self._mean_weight = (self.seen / self.seen.sum()).astype(np.float32).ravel()
+        return (self.seen / self.seen.sum()).astype(np.float32).ravel()
+
+    def _bands(self) -> Iterator[slice]:
+        height = self.camera.size[1]
+        return (slice(top, min(top + BAND, height)) for top in range(0, height, BAND))
+
+    def _pixels(self, rows: slice) -> Array:
+        columns = np.arange(self.camera.size[0])
+        return np.stack(np.meshgrid(columns, np.arange(rows.start, rows.stop)), -1).astype(float)
+
+    def _fall(self, rays: Array) -> Array:
+        """Light (H, W) that vignetting leaves of rays (H, W, 3)."""
+        theta = np.arccos(np.clip(rays[..., 2], -1, 1))
+        fall = np.ones_like(theta)
+        for power, coefficient in enumerate(self.camera.sensor.vignetting, start=1):
+            fall += coefficient * theta ** (2 * power)
+        return fall
+
+    def _has_light(self, rows: slice) -> BoolArray:
+        """Which pixels of some rows do."""
+        pixels, lens = self._pixels(rows), self.camera.lens
+        rays = unproject(pixels, lens)
+        off_axis = np.hypot(*np.moveaxis(pixels - lens.centre, -1, 0))
+        radius = min(self.photographed.size) / 2 / self.binning.factor
+        circle = lens.kind == "brown" or off_axis <= radius
+        away = np.linalg.norm(project(rays, lens) - pixels, axis=-1)
+        return np.asarray((self._fall(rays) > LEAST_LIGHT) & circle & (away < FOLD_PX))
 
     def with_glare(self, sensor: Sensor) -> "Radiometer":
         """The same camera, whose `sensor` differs in its glare; rays are not computed again."""
         same = copy(self)
         same.camera = replace(self.camera, sensor=sensor)
+        same.photographed = replace(self.photographed, sensor=sensor)
         return same
 
     def radiance(self, frame: Frame) -> Image:
@@ -50,7 +101,7 @@ class Radiometer:
         sensor = self.camera.sensor
         shaped = (..., None) if frame.counts.ndim == 3 else (...,)
         scale = (sensor.full_scale * frame.settings.exposure_s) * (1 - sensor.glare)
-        light = frame.counts.astype(np.float32)
+        light = self.binning.means(frame.counts)
         light -= np.float32(sensor.black_level)
         light *= (self._correction / np.float32(scale))[shaped]
         # observed = (1 - g) true + (g - l) mean(true) + near veil: the mean over the circle is unchanged
@@ -62,5 +113,5 @@ class Radiometer:
         light -= veil
         saturated = 2**sensor.bits - 1
         if frame.counts.max() >= saturated:
-            light[frame.counts >= saturated] = np.nan
+            light[self.binning.largest(frame.counts) >= saturated] = np.nan
         return light

@@ -4,13 +4,15 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from procam.arrays import Array, BoolArray, Image
-from procam.estimate.geometry.model import camera_rays
+from procam.arrays import Array, BoolArray, FloatArray, Image
+from procam.estimate.geometry.model import camera_rays, project_to_camera
 from procam.estimate.geometry.screen_points import intersect_screen, round_shape, screen_points
 from procam.maths.geometry.lenses import project_before_fold
 from procam.maths.geometry.sphere import normalise
 from procam.model.optics import CameraModel, ProjectorModel
 from procam.model.screen import Dome
+
+BAND = 256  # rows at a time, in double precision
 
 
 @dataclass(frozen=True)
@@ -55,11 +57,19 @@ class DomeView:
             self._points[dome] = points.astype(np.float32)
         return self._points[dome]
 
+    def camera_pixels(self, dome: Dome, direction: FloatArray) -> Array:
+        """Pixel (..., 2) of the camera that sees the screen in directions (..., 3) from its centre."""
+        return project_to_camera(self.camera, screen_points(round_shape(dome), direction))
+
     def projector_pixels(self, projector: ProjectorModel, dome: Dome) -> Image:
         """Projector pixel (H, W, 2) that lights the point each camera pixel sees; NaN if none does."""
-        points = projector.projector_from_dome.apply(self.points(dome).astype(float))
-        xy = project_before_fold(points, projector.lens)
-        width, height = projector.size
-        inside = (xy[..., 0] > -0.5) & (xy[..., 0] < width - 0.5)
-        inside &= (xy[..., 1] > -0.5) & (xy[..., 1] < height - 0.5) & self.on_screen
-        return np.where(inside[..., None], xy, np.nan).astype(np.float32)
+        found = np.full((*self.on_screen.shape, 2), np.nan, np.float32)
+        points, (width, height) = self.points(dome), projector.size
+        for top in range(0, len(points), BAND):
+            rows = slice(top, top + BAND)
+            local = projector.projector_from_dome.apply(points[rows].astype(float))
+            xy = project_before_fold(local, projector.lens)
+            inside = (xy[..., 0] > -0.5) & (xy[..., 0] < width - 0.5)
+            inside &= (xy[..., 1] > -0.5) & (xy[..., 1] < height - 0.5) & self.on_screen[rows]
+            found[rows][inside] = xy[inside]
+        return found

@@ -5,6 +5,7 @@ import numpy as np
 from procam.arrays import Array, BoolArray
 from procam.estimate.geometry.model import RigGeometry, camera_rays
 from procam.maths.geometry.sphere import normalise
+from procam.model.optics import CameraModel
 
 HOUSING_RADIUS_M = (
     0.15  # of a lens; also how far behind the screen a lens still shines through its hole
@@ -12,13 +13,12 @@ HOUSING_RADIUS_M = (
 GLARE_PX = 3.0  # of glare around a lens's rim
 
 
-def lens_glints(rig: RigGeometry, camera: str, rays: Array) -> BoolArray:
-    """Pixels (H, W) at which a camera sees a projector's lens, given their rays (H, W, 3).
+def lens_glints(rig: RigGeometry, model: CameraModel, rays: Array) -> BoolArray:
+    """Pixels (H, W) at which a camera of the rig sees a projector's lens, given their rays (H, W, 3).
 
     A disc around every lens in front of the screen. A lens behind it, as for rear projection, is
     invisible.
     """
-    model = rig.cameras[camera]
     assert model.camera_from_dome is not None
     lenses = np.array([p.projector_from_dome.origin for p in rig.projectors.values()])
     towards = model.camera_from_dome.apply(lenses)

@@ -14,8 +14,6 @@ import numpy as np
 
 from procam.arrays import Array, BoolArray, Image, Map
 from procam.estimate.geometry.camera_view import DomeView
-from procam.estimate.geometry.screen_points import round_shape
-from procam.estimate.light.footprint import pixels_of
 from procam.estimate.light.scatter_kernel import BLACK_BLUR_PX, ScatterCells, cell_basis
 from procam.estimate.light.separation import CLEAR_CAMERA_PX
 from procam.maths.geometry.sphere import master_directions, master_pixels
@@ -85,11 +83,11 @@ class AudienceView:
         `light` (H, W, 3) is a photograph with all projectors shuttered, NaN where saturated. Places
         that the camera does not see get 0.
         """
-        maps, camera = self.calibration.maps, self.view.camera
+        maps = self.calibration.maps
         known = self.view.on_screen & np.isfinite(light).all(axis=-1)
         smooth = blur_within(np.nan_to_num(light), known, BLACK_BLUR_PX)
         direction, inside = master_directions(maps.size)
-        where = pixels_of(camera, round_shape(self.calibration.screen), direction)
+        where = self.view.camera_pixels(self.calibration.screen, direction)
         level = np.maximum(sample(smooth, where), 0) * inside[..., None]
         lit_sr = self._covered * self.view.solid_angle_sr * known
         mean = np.tensordot(lit_sr, np.nan_to_num(light), 2) / lit_sr.sum()

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from procam.arrays import AnyArray, BoolArray, Map
+from procam.estimate.camera.binning import Binning
 from procam.estimate.structured_light.limits import LIT_SHARE
 from procam.maths.warp import blur, grow
 
@@ -18,6 +19,7 @@ CLEAR_SIGMAS = 4.0
 DIM_SIGMAS = 16.0  # a code's finest patterns keep a quarter of the contrast, of which 4 are needed
 BLUR_PX = 0.7  # Gaussian sigma; suppresses the noise of single camera pixels
 HOLE_PX, BORDER_PX = 3, 6  # camera pixels
+BAND, BEYOND_BLUR = 512, 8  # rows at a time, and beside them
 BLURRED = 0.41  # of their noise, that remains; less is taken from what a camera has smoothed itself
 
 
@@ -37,28 +39,42 @@ class DirectLight:
     absent: BoolArray
     dim: BoolArray
 
+    def binned(self, binning: Binning) -> "DirectLight":
+        """The same of blocks of pixels (h, w)."""
+        return DirectLight(*(binning.most(mask) for mask in (self.seen, self.absent, self.dim)))
+
 
 def well_inside(seen: BoolArray) -> BoolArray:
     """What is seen (H, W), holes filled, without its border, where pixels are lit in part."""
     return np.asarray(grow(grow(seen, HOLE_PX), -HOLE_PX - BORDER_PX))
 
 
-def find_direct_light(
-    span: Map, pairs: Iterable[tuple[AnyArray, AnyArray]], sigma: Map
-) -> DirectLight:
+def stripe_contrast(span: Map, pairs: Iterable[tuple[AnyArray, AnyArray]]) -> Map:
+    """Largest contrast (H, W) of stripe patterns and their inverses (H, W) each, scattered light subtracted.
+
+    `span` (H, W) is white - black; all are counts [DN].
+    """
+    contrast, total = np.zeros(span.shape, np.float32), float(span.sum(dtype=float))
+    for pattern, inverse in pairs:
+        surplus = float(pattern.sum(dtype=float) - inverse.sum(dtype=float)) / max(total, 1e-9)
+        for top in range(0, len(span), BAND):
+            above = min(top, BEYOND_BLUR)
+            rows, around = slice(top, top + BAND), slice(top - above, top + BAND + BEYOND_BLUR)
+            difference = np.subtract(pattern[around], inverse[around], dtype=np.float32)
+            difference -= np.float32(surplus) * span[around]  # what scattered light has in it
+            found = np.abs(blur(difference, BLUR_PX))[above : above + len(contrast[rows])]
+            np.maximum(contrast[rows], found, out=contrast[rows])
+    return contrast
+
+
+def find_direct_light(span: Map, contrast: Map, sigma: Map) -> DirectLight:
     """Direct light of a projector.
 
     Parameters
     ----------
-    span : (H, W) white - black [DN]. sigma : (H, W) standard error of a difference of two samples [DN].
-    pairs : stripe patterns and their inverses (H, W) each [DN].
+    span : (H, W) white - black [DN]. contrast : (H, W) of its stripes, `stripe_contrast` [DN].
+    sigma : (H, W) standard error of a difference of two samples [DN].
     """
-    contrast, total = np.zeros(span.shape, np.float32), float(span.sum(dtype=float))
-    for pattern, inverse in pairs:
-        difference = np.subtract(pattern, inverse, dtype=np.float32)
-        surplus = float(difference.sum(dtype=float)) / max(total, 1e-9)
-        difference -= np.float32(surplus) * span  # what scattered light has in it
-        np.maximum(contrast, np.abs(blur(difference, BLUR_PX)), out=contrast)
     least, clear = LIT_SHARE * blur(span, BLUR_PX), CLEAR_SIGMAS * sigma
     return DirectLight(
         np.asarray(contrast > np.maximum(least, clear)),

@@ -1,6 +1,6 @@
 """Scatter, feedback and albedo of the dome, from the light of all projectors in content channels."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -9,9 +9,10 @@ import numpy as np
 from procam.arrays import Array, Image
 from procam.errors import OutOfModelRange
 from procam.estimate.geometry.camera_view import DomeView
+from procam.estimate.light.feedback import estimate_albedo, estimate_feedback
 from procam.estimate.light.floor_albedo import FloorLight, combined_floor_albedo, measure_floor
 from procam.estimate.light.scatter_kernel import ScatterSample, ScatterSolution, solve_scatter
-from procam.estimate.light.separation import SeparatedLight, estimate_albedo, estimate_feedback
+from procam.estimate.light.separation import SeparatedLight
 from procam.estimate.light.unknown_vignetting import unknown_vignetting
 from procam.maths.geometry.sphere import cap_solid_angle, master_pixels, master_solid_angles
 from procam.maths.warp import sample
@@ -40,7 +41,7 @@ class DomeScatter:
 def measure_scatter(
     dome: Dome,
     view: DomeView,
-    lights: Sequence[SeparatedLight],
+    lights: Collection[SeparatedLight],
     samples: Sequence[Sequence[ScatterSample]],
     white: Array,
     coverage: Image,

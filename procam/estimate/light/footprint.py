@@ -5,20 +5,18 @@ from collections.abc import Sequence
 import numpy as np
 
 from procam.arrays import Array, Array32, FloatArray
-from procam.estimate.geometry.model import project_to_camera
+from procam.estimate.geometry.camera_view import DomeView
 from procam.estimate.geometry.pixel_directions import PixelDirections, fit_pixel_directions
-from procam.estimate.geometry.screen_points import screen_points
 from procam.estimate.geometry.solve import GeometrySolution
 from procam.estimate.light.separation import SeparatedLight
 from procam.maths.geometry.areas import PanelField, panel_solid_angles
 from procam.maths.geometry.local_shift import LocalShift
-from procam.maths.geometry.ray_to_screen import RoundShape
 from procam.maths.warp import sample
 from procam.model.correspondence import ProjectorSurface
 from procam.model.mask import Nudge
-from procam.model.optics import CameraModel
 from procam.model.screen import Dome
 
+GREEN = 1
 MIN_LIT_SHARE = 0.5  # of a pixel's light, for it to be part of the footprint
 DARK_SHARE = 0.02  # of the brightest light, below which a share of it is not known
 
@@ -27,13 +25,15 @@ def project_surface(
     solution: GeometrySolution,
     name: str,
     dome: Dome,
+    view: DomeView,
     light: SeparatedLight,
     nudges: Sequence[Nudge] = (),
     moved_arcmin: float = 0.0,
 ) -> ProjectorSurface:
     """Pixel directions and footprint of projector `name`.
 
-    `moved_arcmin` is by how much the camera turned while it was photographed, which widens standard errors.
+    `view` is that of the camera by which `light` was measured, `moved_arcmin` by how much it turned
+    while the projector was photographed, which widens standard errors.
 
     Directions come from `fit_pixel_directions`. A nudge, a manual shift of the picture, changes them so
     that the picture moves; it changes neither the footprint, which `light` gives, nor the standard error.
@@ -45,7 +45,7 @@ def project_surface(
     seen = fitted.directions(x, y)
     direction = field(x, y) if own else seen
     on_screen = direction[..., 2] >= np.cos(dome.half_angle)
-    measured = np.where(on_screen, lit_share(light, camera_pixels(solution, seen)), 0)
+    measured = np.where(on_screen, lit_share(light, view.camera_pixels(dome, seen)), 0)
     return ProjectorSurface(
         direction.astype(np.float32),
         panel_solid_angles(fitted.size, field).astype(np.float32),
@@ -70,19 +70,10 @@ def _nudged(fitted: PixelDirections, nudges: Sequence[Nudge]) -> PanelField:
     return directions
 
 
-def camera_pixels(solution: GeometrySolution, direction: FloatArray) -> Array:
-    """Pixel (..., 2) of the main camera that sees the screen in directions (..., 3)."""
-    return pixels_of(solution.camera, solution.rig.shape, direction)
-
-
-def pixels_of(camera: CameraModel, shape: RoundShape, direction: FloatArray) -> Array:
-    """Pixel (..., 2) of a camera that sees a screen of `shape` in directions (..., 3)."""
-    return project_to_camera(camera, screen_points(shape, direction))
-
-
 def lit_share(light: SeparatedLight, xy: FloatArray) -> Array32:
     """Share 0..1 (...) of the expected light that the camera saw at its pixels (..., 2)."""
-    seen, expected = sample(light.direct[..., 1], xy), sample(light.extended[..., 1], xy)
-    dark = DARK_SHARE * float(np.percentile(light.extended[..., 1], 99))
+    extended = light.extended()[..., GREEN]
+    seen, expected = sample(light.direct[..., GREEN], xy), sample(extended, xy)
+    dark = DARK_SHARE * float(np.percentile(extended, 99))
     share = np.where(expected > dark, seen / np.maximum(expected, dark), 0)
     return np.asarray(np.clip(share, 0, 1), np.float32)

@@ -50,7 +50,6 @@ def fill_light(
     return replace(
         light,
         direct=direct,
-        extended=fill_picture(light.extended, missing & on_screen, light.lit),
         scattered=light.scattered * (flux / shown).astype(np.float32),
         flux=flux,
         lit=lit,

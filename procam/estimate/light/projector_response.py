@@ -4,6 +4,7 @@ Primaries give the colour mix; tiles of several drive levels in one picture give
 docs/theory/photometry.md (R2). Left in, scattered light would bend the curve.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,12 +37,13 @@ class ColourFit:
     additivity_error: float
 
 
-def fit_colour(primaries: list[Image], direct: Image) -> ColourFit:
+def fit_colour(primaries: Iterable[Image], direct: Image) -> ColourFit:
     """Colour mix from the direct light (H, W, 3) of R, G, B alone and of white."""
     use = direct[..., 1] > MIN_LEVEL * np.percentile(direct[..., 1], 99)
-    use &= np.all([np.isfinite(p).all(axis=-1) for p in primaries], axis=0)
-    white = direct[use].sum(axis=0, dtype=float)
-    mix = np.stack([p[use].sum(axis=0, dtype=float) / white for p in primaries], axis=1)
+    lights = [primary[use] for primary in primaries]
+    known = np.all([np.isfinite(light).all(axis=-1) for light in lights], axis=0)
+    white = direct[use][known].sum(axis=0, dtype=float)
+    mix = np.stack([x[known].sum(axis=0, dtype=float) / white for x in lights], axis=1)
     error = float(np.abs(mix.sum(axis=1) - 1).max())
     return ColourFit(mix / mix.sum(axis=1, keepdims=True), error)
 

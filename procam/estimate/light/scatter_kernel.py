@@ -6,7 +6,7 @@ full white at camera pixels, and with it the kernel B of docs/theory/interreflec
 degree of B is chosen by cross-validation: each picture in turn is predicted from the others.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -15,7 +15,8 @@ import numpy as np
 from procam.arrays import Array, BoolArray, FloatArray, Image, IndexArray
 from procam.errors import OutOfModelRange
 from procam.estimate.geometry.camera_view import DomeView
-from procam.estimate.light.separation import SeparatedLight, estimate_scatter_per_flux
+from procam.estimate.light.feedback import estimate_scatter_per_flux
+from procam.estimate.light.separation import SeparatedLight
 from procam.maths.geometry.sphere import master_directions, master_pixels
 from procam.maths.light.scatter_kernel import ZoneMeasurements, basis, predicted_ratio
 from procam.model.transport import ScatterKernel
@@ -137,7 +138,7 @@ class ScatterSolution:
 
 
 def solve_scatter(
-    lights: Sequence[SeparatedLight],
+    lights: Iterable[SeparatedLight],
     samples: Sequence[ScatterSample],
     view: DomeView,
     white: Array,

@@ -1,14 +1,11 @@
-"""Direct/global separation from stripe pictures, and feedback and albedo from it.
+"""Direct/global separation from stripe pictures.
 
 Follows Nayar et al. 2006, doi:10.1145/1141911.1141977. A camera pixel inside a dark stripe, well clear
 of its edges, and every pixel outside a projector's picture see scattered light alone. `Separation`
 averages those samples over all pictures of a projector, each divided by the picture's flux relative to
-full white, and subtracts the result from white: direct light remains. From the scattered light per
-flux of all projectors follow u, the feedback m = a.u (docs/theory/interreflection.md, I10) and, under
-assumptions about the rest of the room, the mean albedo (I15).
+full white, and subtracts the result from white: direct light remains.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,10 +13,7 @@ import numpy as np
 from procam.arrays import Array, BoolArray, FloatArray, Image
 from procam.estimate.light.edge_overshoot import EdgeOvershoot
 from procam.maths.codes.gray import is_bright, stripe_edge_distance
-from procam.maths.light.radiosity import albedo_from_feedback, floor_return
 from procam.maths.warp import blur_within, grow
-from procam.model.screen import Dome
-from procam.model.transport import Measured
 
 # distance from a stripe's edge beyond which it leaves no direct light: at least so much [projector px],
 # so many sigmas of the measured blur, of which 3e-5 is left, and at most this share of half a stripe
@@ -38,10 +32,6 @@ CLEAR_CAMERA_PX = 6  # least distance from the border of a projector's picture
 GLOBAL_BLUR_PX = 1.0  # Gaussian sigma of the smoothing of scattered light
 FILL_BLURS_PX = 8.0, 64.0  # the same, where nothing was measured within reach of the narrower one
 EXTEND_PX = 3.0  # Gaussian sigma of the continuation of direct light beyond the border
-# relative, of m: the border of the lit area has the same error for all projectors, so their spread
-# does not show it; three times the bias in studies/photometry.md
-BORDER_SIGMA = 1e-3
-SINGLE_SIGMA = 0.003  # relative, of m from one projector alone; on matte domes they differ by 0.1 %
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,16 +41,42 @@ class SeparatedLight:
     Attributes
     ----------
     direct, scattered : (H, W, 3); `direct` fades to 0 over the border of the picture.
-    extended : (H, W, 3) direct light, continued a few pixels beyond the border.
     flux : (3,) direct flux, sum of solid angle times direct [radiance sr].
     lit : (H, W) whether the pixel sees this projector's picture.
     """
 
     direct: Image
     scattered: Image
-    extended: Image
     flux: Array
     lit: BoolArray
+
+    def extended(self) -> Image:
+        """Direct light (H, W, 3), continued a few pixels beyond the border; not kept, to save memory."""
+        inside = grow(self.lit, -1)
+        beyond = blur_within(self.direct, inside, EXTEND_PX)
+        return np.where(inside[..., None], self.direct, beyond)
+
+
+class PictureFlux:
+    """Flux of pictures on the screen, in all and over that of white (H, W, 3).
+
+    `solid_sr` (H, W) is the solid angle of the camera pixels [sr]; 0 off the screen.
+    """
+
+    def __init__(self, solid_sr: FloatArray, white: Image) -> None:
+        self.solid_sr = solid_sr.astype(np.float32)
+        self._white = self.total(white)
+
+    def total(self, light: Image) -> Array:
+        """Flux (C,) on the screen [radiance sr]; saturated pixels count as 0."""
+        total = np.tensordot(self.solid_sr, light, 2).astype(float)
+        if not np.isfinite(total).all():
+            total = np.tensordot(self.solid_sr, np.nan_to_num(light), 2).astype(float)
+        return total
+
+    def share(self, light: Image) -> Array:
+        """Flux (3,) of a picture over that of white; the same ratio holds for the direct flux."""
+        return self.total(light) / self._white
 
 
 class Separation:
@@ -77,6 +93,7 @@ class Separation:
     blur : largest blur of the stripes' edges so far, a standard deviation in pixel extents: the size
         of a camera and a projector pixel together (root of the sum of squares). Above `MAX_BLUR` the
         result is not usable.
+    flux : of pictures.
     dark_weight : (H, W) statistical weight of the scattered light so far; 0 where it is interpolated.
     """
 
@@ -91,15 +108,14 @@ class Separation:
         usable = np.isfinite(white).all(axis=-1)
         # pixels on an edge of the finest stripes do not decode, but they are lit
         lit = grow(grow(lit, HOLE_PX), -HOLE_PX)
-        self._solid = np.where(usable, solid_angle_sr, 0).astype(np.float32)
-        self._white_flux = self.total(white)
+        self.flux = PictureFlux(np.where(usable, solid_angle_sr, 0), white)
+        on_screen = self.flux.solid_sr > 0
         self._xy = projector_xy
         self._extent = [_pixel_extent(projector_xy[..., i]) for i in range(2)]
         self._white, self.blur, self._edges = white, 0.0, EdgeOvershoot()
-        self._index = np.rint(np.nan_to_num(projector_xy)).astype(np.int32)
         self._inside = grow(lit & usable, -2)
         maybe = lit if maybe_lit is None else maybe_lit
-        self._outside = (self._solid > 0) & ~grow(lit, CLEAR_CAMERA_PX) & ~maybe
+        self._outside = on_screen & ~grow(lit, CLEAR_CAMERA_PX) & ~maybe
         self._sum, self._count = np.nan_to_num(white), np.ones(lit.shape, np.float32)
         self._shares = np.ones(lit.shape, np.float32)  # scattered light in the sum over white's
         self._dark_sum = np.where(self._outside[..., None], self._sum, 0)
@@ -118,17 +134,6 @@ class Separation:
         widest = max(e / np.sqrt(max(e**2 - 1, MIN_SLOPE**2)) for e in extents)
         return max(CLEAR_CAMERA_PX, int(np.ceil(CLEAR_SIGMAS * self.blur * widest)))
 
-    def total(self, light: Image) -> Array:
-        """Flux (C,) on the screen [radiance sr]; saturated pixels count as 0."""
-        total = np.tensordot(self._solid, light, 2).astype(float)
-        if not np.isfinite(total).all():
-            total = np.tensordot(self._solid, np.nan_to_num(light), 2).astype(float)
-        return total
-
-    def flux_share(self, light: Image) -> Array:
-        """Flux (3,) of a picture over that of white; the same ratio holds for the direct flux."""
-        return self.total(light) / self._white_flux
-
     def add_pair(
         self, axis: str, bit: int, pattern: Image, inverse: Image
     ) -> tuple[BoolArray, BoolArray]:
@@ -140,41 +145,51 @@ class Separation:
         distance = stripe_edge_distance(self._xy[..., which], bit)
         extent = self._extent[which]
         # few edges, or only one side of one, read too little: the largest so far counts
-        contrast = np.abs(pattern - inverse)
-        measured = self._edge_blur(contrast, distance, extent, 2.0**bit)
+        known = np.isfinite(pattern).all(axis=-1) & np.isfinite(inverse).all(axis=-1)
+        usable = known & self._inside & np.isfinite(distance)
+        measured = self._edge_blur((pattern, inverse), usable, distance, extent, 2.0**bit)
         self.blur = max(self.blur, np.nan_to_num(measured))
-        bright = is_bright(self._index[..., which], bit)
+        bright = is_bright(np.rint(np.nan_to_num(self._xy[..., which])).astype(np.int32), bit)
         away_px = distance / np.sqrt(np.maximum(extent**2 - 1, MIN_SLOPE**2))
         self._edges.add(self._direct_green(pattern, inverse, bright), away_px, self._inside)
         reach = np.minimum(CLEAR_SIGMAS * self.blur * extent, CLEAR_SHARE * 2.0**bit)
         with np.errstate(invalid="ignore"):
             near_edge = distance <= np.maximum(CLEAR_PX, reach)
         # a media server draws edges as greys, which do not add up to white
-        sound = ~near_edge & np.isfinite(pattern + inverse).all(axis=-1)
-        self._sum += np.where(sound[..., None], pattern + inverse, 0)
+        sound = ~near_edge & known
+        for picture in (pattern, inverse):
+            np.add(self._sum, picture, out=self._sum, where=sound[..., None])
         self._count += sound
-        self._shares += sound * np.float32((self.flux_share(pattern) + self.flux_share(inverse))[1])
+        self._shares += sound * np.float32((self.flux.share(pattern) + self.flux.share(inverse))[1])
         clear = self._inside & sound & np.isfinite(self._xy[..., which])
         self._add_dark(pattern, (clear & ~bright) | self._outside)
         self._add_dark(inverse, (clear & bright) | self._outside)
         return clear & ~bright, clear & bright
 
     def _edge_blur(
-        self, contrast: Image, distance: FloatArray, extent: FloatArray, half: float
+        self,
+        pictures: tuple[Image, Image],
+        usable: BoolArray,
+        distance: FloatArray,
+        extent: FloatArray,
+        half: float,
     ) -> float:
         """Standard deviation of the blur of a pair's stripe edges [pixel extents].
 
-        It is that of the most blurred channel of `contrast` (H, W, 3), between a pattern and its
-        inverse. An edge with a Gaussian blur takes sqrt(2/pi) standard deviations of full contrast
+        It is that of the most blurred channel of the contrast between a pattern and its inverse
+        (H, W, 3). An edge with a Gaussian blur takes sqrt(2/pi) standard deviations of full contrast
         away on each side. Full contrast is that of the inner half of the stripes, `half` of which
         measures so many projector pixels.
         """
-        usable = self._inside & np.isfinite(contrast).all(axis=-1) & np.isfinite(distance)
+        pattern, inverse = pictures
         reach = np.minimum(EDGE_REACH, half / 2 / extent)
         near, far = usable & (distance < reach * extent), usable & (distance >= half / 2)
         if not (near.any() and far.any()):
             return float("nan")
-        share = [contrast[part].sum(axis=0) / self._white[part].sum(axis=0) for part in (near, far)]
+        share = [
+            np.abs(pattern[part] - inverse[part]).sum(axis=0) / self._white[part].sum(axis=0)
+            for part in (near, far)
+        ]
         return float(np.sqrt(np.pi / 2) * reach[near].mean() * (1 - share[0] / share[1]).max())
 
     def _direct_green(self, pattern: Image, inverse: Image, bright: BoolArray) -> FloatArray:
@@ -182,42 +197,38 @@ class Separation:
 
         NaN where its stripes hold most of the flux, so that the unevenness of scattered light outweighs it.
         """
-        surplus = float((self.flux_share(pattern) - self.flux_share(inverse))[GREEN])
-        direct = (pattern - inverse)[..., GREEN] - surplus * self._white[..., GREEN]
+        surplus = float((self.flux.share(pattern) - self.flux.share(inverse))[GREEN])
+        direct = pattern[..., GREEN] - inverse[..., GREEN] - surplus * self._white[..., GREEN]
         share = np.where(bright, 1 - surplus, -1 - surplus)
         share[np.abs(share) < LEAST_SHARE] = np.nan
         return np.asarray(direct / share, np.float32)
 
     def _add_dark(self, light: Image, dark: BoolArray) -> None:
-        share = self.flux_share(light)
+        share = self.flux.share(light)
         weight = share[1] ** 2  # one weight for all channels, whose shares differ little
-        self._dark_sum += light * dark[..., None] * (weight / share).astype(np.float32)
+        for channel, factor in enumerate((weight / share).astype(np.float32)):
+            total = self._dark_sum[..., channel]
+            np.add(total, factor * light[..., channel], out=total, where=dark)
         self.dark_weight += dark * np.float32(weight)
 
     def result(self) -> SeparatedLight:
-        """Direct and scattered light from all pairs so far."""
-        on_screen = self._solid > 0
+        """Direct and scattered light from all pairs; none can be added after it, to save memory."""
+        on_screen = self.flux.solid_sr > 0
         known = (self.dark_weight > 0) & on_screen & np.isfinite(self._dark_sum).all(axis=-1)
         border = grow(self._inside, 2 + self.clear_px) & ~self._inside
         known &= ~border
-        ratio = self._dark_sum / np.maximum(self.dark_weight, 1e-12)[..., None]
-        scattered = blur_within(ratio, known, GLOBAL_BLUR_PX)
+        self._dark_sum /= np.maximum(self.dark_weight, np.float32(1e-12))[..., None]
+        scattered = blur_within(self._dark_sum, known, GLOBAL_BLUR_PX)
         for blur_px in FILL_BLURS_PX:
             missing = on_screen & (scattered[..., 1] == 0)
             if missing.any():
-                scattered[missing] = blur_within(ratio, known, blur_px)[missing]
+                scattered[missing] = blur_within(self._dark_sum, known, blur_px)[missing]
         near = (border | self._inside) & on_screen
-        white = self._sum - self._shares[..., None] * scattered
-        direct = np.where(near[..., None], white / self._count[..., None], 0).astype(np.float32)
-        beyond = blur_within(direct, grow(self._inside, -1), EXTEND_PX)
-        extended = np.where(grow(self._inside, -1)[..., None], direct, beyond)
-        return SeparatedLight(
-            direct,
-            scattered,
-            extended.astype(np.float32),
-            self.total(direct),
-            self._inside,
-        )
+        direct = self._sum
+        direct -= self._shares[..., None] * scattered
+        direct /= self._count[..., None]
+        direct[~near] = 0
+        return SeparatedLight(direct, scattered, self.flux.total(direct), self._inside)
 
 
 def _pixel_extent(coordinate: FloatArray) -> FloatArray:
@@ -225,74 +236,3 @@ def _pixel_extent(coordinate: FloatArray) -> FloatArray:
     across = np.hypot(*np.gradient(coordinate))
     known = np.isfinite(across)
     return np.hypot(1, blur_within(np.nan_to_num(across), known, EXTENT_BLUR_PX))
-
-
-def estimate_scatter_per_flux(lights: Sequence[SeparatedLight]) -> Image:
-    """Scatter per flux u (H, W, C) [1/sr] of full white: scattered light of all projectors over their flux.
-
-    The sum is what full white is, so how scattered light depends on its place need not be known, and a
-    veil of the camera's lens that stays near its light does not count twice in some places.
-    """
-    scattered = np.sum([x.scattered for x in lights], axis=0)
-    return np.asarray(scattered / np.sum([x.flux for x in lights], axis=0).astype(np.float32))
-
-
-def estimate_feedback(
-    lights: Sequence[SeparatedLight],
-    lit_sr: Array,
-    on_screen_sr: Array,
-    *,
-    glare_sigma: float,
-    flux_sigma: float,
-) -> Measured:
-    """Feedback m (C,) with its standard error, from all projectors.
-
-    Parameters
-    ----------
-    lights : of the projectors.
-    lit_sr, on_screen_sr : (H, W) solid angle of the camera pixels on the lit part and on the screen.
-    glare_sigma : standard error of the camera's veiling glare, which adds to every scattered sample.
-    flux_sigma : relative standard error of the direct flux of all projectors.
-
-    Notes
-    -----
-    Each projector alone gives an estimate of m; their spread includes the dependence on where the
-    light falls.
-    """
-    each = np.stack([np.tensordot(lit_sr, x.scattered, 2) / x.flux for x in lights])
-    value = np.tensordot(lit_sr, estimate_scatter_per_flux(lights), 2)
-    spread = (
-        each.std(axis=0, ddof=1) / np.sqrt(len(each)) if len(each) > 1 else SINGLE_SIGMA * value
-    )
-    spread = np.hypot(spread, BORDER_SIGMA * value)
-    mean_light = np.mean(
-        [
-            np.tensordot(on_screen_sr, light.direct + light.scattered, 2) / light.flux
-            for light in lights
-        ],
-        axis=0,
-    )
-    veil = glare_sigma * mean_light * lit_sr.sum() / on_screen_sr.sum()
-    return Measured(value, np.sqrt(spread**2 + veil**2 + (flux_sigma * value) ** 2))
-
-
-def estimate_albedo(
-    feedback: Measured, lit_sr: float, screen_sr: float, dome: Dome, flux_inconsistency: float
-) -> Measured:
-    """Mean albedo (C,) from the feedback.
-
-    Assumes that the unlit part of the cap has the same albedo. The standard error includes those of
-    the feedback and of the floor, and `flux_inconsistency`, the relative amount of direct light that
-    gloss may hide from the camera in all pictures (docs/theory/photometry.md).
-    """
-
-    def at(m: Array, floor: float) -> Array:
-        returned = floor_return(dome.half_angle, dome.tilt, floor)
-        return albedo_from_feedback(m, lit_sr, screen_sr, returned)
-
-    value = at(feedback.value, dome.floor_albedo)
-    by_feedback = at(feedback.value + feedback.sigma, dome.floor_albedo) - value
-    by_floor = at(feedback.value, dome.floor_albedo + dome.floor_albedo_sigma) - value
-    return Measured(
-        value, np.sqrt(by_feedback**2 + by_floor**2 + (flux_inconsistency * value) ** 2)
-    )

@@ -21,6 +21,7 @@ from procam.arrays import Array, BoolArray, Image, IndexArray
 from procam.estimate.light.separation import SeparatedLight
 from procam.maths.geometry.sphere import direction_from_angles
 
+SHAPES = 2
 ROOMS = (None, 0, 4, 12)  # no room; lobes of its light around the horizon, beside a uniform part
 AS_GOOD = 2.0  # times the smallest misfit: such explanations of the dark count
 LOBE_ELEVATION = np.radians(20.0)
@@ -35,13 +36,18 @@ LEAST, ROUNDING = 1e-12, 1e-6
 class SharedBlack:
     """Black of projectors that are never dark.
 
-    `black` (H, W, 3) by name, scattered light included; `total` (3,) of all together, a mean over the screen,
-    and its standard error `sigma` (3,), all in radiance.
+    `factors` (K, 3) of the shapes of a picture (`_shapes`), by name: their sum is a black. `total` (3,) of
+    all together, a mean over the screen, and its standard error `sigma` (3,), all in radiance.
     """
 
-    black: Mapping[str, Image]
+    factors: Mapping[str, Array]
     total: Array
     sigma: Array
+
+    def black(self, name: str, light: SeparatedLight) -> Image:
+        """Black (H, W, 3) of a projector, scattered light included, given the light of its white."""
+        shapes = zip(self.factors[name].astype(np.float32), _shapes(light), strict=True)
+        return np.asarray(sum(factor * shape for factor, shape in shapes), np.float32)
 
 
 def fit_shared_black(
@@ -54,42 +60,44 @@ def fit_shared_black(
     dark : (H, W, 3) radiance with every projector black. lights : of each one's white.
     direction : (H, W, 3) of the dome that a pixel sees. on_screen : (H, W) pixels that see the screen.
     """
-    shapes = list(_shapes(lights))
-    good = on_screen & np.isfinite(dark).all(axis=-1)
-    good &= np.isfinite([*shapes[0].values()]).all(axis=(0, -1))
-    at = np.flatnonzero(good)[:: max(1, int(good.sum()) // MOST_PIXELS)]
+    at = _pixels(dark, lights, on_screen)
+    samples = {n: [x.reshape(-1, 3)[at] for x in _shapes(light)] for n, light in lights.items()}
     rooms = [_room(direction.reshape(-1, 3)[at].astype(float), lobes) for lobes in ROOMS]
     light = dark.reshape(-1, 3)[at].astype(float)
-    fits, misfits = list[dict[str, Image]](), list[float]()
-    for shape in shapes:
+    fits, misfits = list[Array](), list[float]()
+    for k in range(SHAPES):
+        shape = np.array([of[k] for of in samples.values()], float)
         for room in rooms:
-            factors, misfit = _factors(light, shape, at, room)
-            named = zip(shape.items(), factors, strict=True)
-            fits.append({name: (f * image).astype(np.float32) for (name, image), f in named})
+            factors = np.zeros((len(lights), SHAPES, 3))
+            factors[:, k], misfit = _factors(light, shape, room)
+            fits.append(factors)
             misfits.append(misfit)
     least = max(min(misfits), ROUNDING * float(np.linalg.norm(light)))
-    fits = [fit for fit, misfit in zip(fits, misfits, strict=True) if misfit <= AS_GOOD * least]
-    black = {n: np.asarray(np.mean([fit[n] for fit in fits], axis=0), np.float32) for n in lights}
-    totals = np.array([np.sum([_mean(fit[n], at) for n in lights], axis=0) for fit in fits])
+    good = [fit for fit, misfit in zip(fits, misfits, strict=True) if misfit <= AS_GOOD * least]
+    means = np.array([[x.mean(axis=0) for x in of] for of in samples.values()])
+    totals = np.array([(fit * means).sum(axis=(0, 1)) for fit in good])
     total = totals.mean(axis=0)
     room_light = np.maximum(light.mean(axis=0) - total, 0)
     own = np.hypot(np.ptp(totals, axis=0) / 2, PROFILE * total)
-    return SharedBlack(black, total, np.hypot(own, ROOM_SHAPE * room_light))
+    by_name = dict(zip(lights, np.mean(good, axis=0), strict=True))
+    return SharedBlack(by_name, total, np.hypot(own, ROOM_SHAPE * room_light))
 
 
-def _mean(image: Image, at: IndexArray) -> Array:
-    return np.asarray(image.reshape(-1, 3)[at].mean(axis=0), float)
+def _pixels(dark: Image, lights: Mapping[str, SeparatedLight], on_screen: BoolArray) -> IndexArray:
+    """Indices of pixels of the screen whose light is known, thinned out."""
+    good = on_screen & np.isfinite(dark).all(axis=-1)
+    for light in lights.values():
+        good &= np.isfinite(light.direct + light.scattered).all(axis=-1)
+    found = np.flatnonzero(good)
+    return found[:: max(1, len(found) // MOST_PIXELS)]
 
 
-def _shapes(lights: Mapping[str, SeparatedLight]) -> Iterator[dict[str, Image]]:
+def _shapes(light: SeparatedLight) -> Iterator[Image]:
     """Pictures (H, W, 3) of black up to a factor: like white, and uniform within its border."""
-    yield {n: light.direct + light.scattered for n, light in lights.items()}
-    flat = dict[str, Image]()
-    for name, light in lights.items():
-        usual = np.median(light.direct[light.lit], axis=0)
-        shown = np.clip(light.direct / np.maximum(EDGE * usual, LEAST), 0, 1) * usual
-        flat[name] = (shown + light.scattered).astype(np.float32)
-    yield flat
+    yield light.direct + light.scattered
+    usual = np.median(light.direct[light.lit], axis=0)
+    shown = np.clip(light.direct / np.maximum(EDGE * usual, LEAST), 0, 1) * usual
+    yield (shown + light.scattered).astype(np.float32)
 
 
 def _room(direction: Array, lobes: int | None) -> Array:
@@ -101,13 +109,11 @@ def _room(direction: Array, lobes: int | None) -> Array:
     return np.hstack([np.ones((len(direction), 1)), ((1 + direction @ towards.T) / 2) ** 2])
 
 
-def _factors(
-    light: Array, shape: Mapping[str, Image], at: IndexArray, room: Array
-) -> tuple[Array, float]:
-    """Factors (P, 3) of the pictures in the light (n, 3) of the dark, and what is not explained of it."""
+def _factors(light: Array, shape: Array, room: Array) -> tuple[Array, float]:
+    """Factors (P, 3) of pictures (P, n, 3) in the light (n, 3) of the dark, and what they do not explain."""
     factors, misfit = np.empty((len(shape), 3)), np.empty(3)
     for channel in range(3):
-        columns = np.stack([image[..., channel].ravel()[at] for image in shape.values()], axis=1)
+        columns = shape[..., channel].T
         scale = np.maximum(np.linalg.norm(columns, axis=0), LEAST)
         found, misfit[channel] = nnls(np.hstack([columns / scale, room]), light[:, channel])
         factors[:, channel] = found[: len(scale)] / scale

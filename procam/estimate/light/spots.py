@@ -18,6 +18,11 @@ ROUNDS, OUTLIER_SIGMAS = 6, 3.0
 SMOOTH_PX = 2.0
 RIM_SHARE = 0.04  # of the picture: so far from the rim edges of the screen do not matter
 DARK, BRIGHT = -0.1, 0.2  # logarithms of the light over that around
+DARK_SHARE, AROUND_PX = (
+    0.3,
+    8,
+)  # of white around, and how far that is: corners of lenses fade evenly
+EDGE_PX = 3  # of what is too dark to tell: pixels lit in part are so too
 LEAST_SHARE = 5e-4  # of the screen
 GREEN = 1
 
@@ -47,6 +52,32 @@ def spot_notes(per_flux: Image, view: DomeView) -> list[str]:
                 f"{_place(view, found)}: {cause}"
             )
     return notes
+
+
+def hidden_notes(name: str, white: Image, unknown: BoolArray, view: DomeView) -> list[str]:
+    """A note on a place within a projector's picture that shows hardly any of its light; normally none.
+
+    Scattered light is not measured there, so `spot_notes` cannot see it.
+
+    Parameters
+    ----------
+    white : (H, W, 3) radiance of its white. unknown : (H, W) pixels that should see its picture, and are
+        too dark to tell.
+    """
+    number, count = label(grow(unknown, -EDGE_PX))
+    for i in range(1, count + 1):
+        found = number == i
+        share = float(view.solid_angle_sr[found].sum() / view.solid_angle_sr.sum())
+        if share <= LEAST_SHARE:
+            continue
+        beside = grow(found, AROUND_PX + EDGE_PX) & ~grow(found, 2 * EDGE_PX) & view.on_screen
+        light = white[..., GREEN]
+        if np.nanmedian(light[found]) < DARK_SHARE * np.nanmedian(light[beside]):
+            return [
+                f"projector {name}: {share:.1%} of the screen is too dark within its picture to measure its "
+                f"light, {_place(view, found)}: {DARK_CAUSE}"
+            ]
+    return []
 
 
 def _departure(light: Image, direction: Image, use: BoolArray) -> Image:

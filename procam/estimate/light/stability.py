@@ -71,17 +71,17 @@ class StabilityChecks:
         self._rounding = (
             (step / max(float(bright.mean()), step, 1e-9)) ** 1.5 if self._level > 0 else 0.0
         )
-        down, across = np.gradient(self._green)
-        self._slope = np.stack([across, down], axis=-1)
-        self._steep = self._steep_pixels()
+        self._steep, self._slopes = self._steep_pixels()
         self.sums: list[PatternSum] = []
 
-    def _steep_pixels(self) -> IndexArray:
-        """Indices of pixels on the screen where white is steep, as at the border of its picture."""
+    def _steep_pixels(self) -> tuple[IndexArray, Image]:
+        """Indices (n,) of pixels where white is steep, as at a border, and its slopes (n, 2) there."""
+        down, across = np.gradient(self._green)
         with np.errstate(invalid="ignore"):
-            steep = np.hypot(*np.moveaxis(self._slope, -1, 0)) > STEEP * self._level
+            steep = np.hypot(across, down) > STEEP * self._level
         found = np.flatnonzero(steep & self._use)
-        return found[:: max(1, len(found) // MAX_PIXELS)]
+        found = found[:: max(1, len(found) // MAX_PIXELS)]
+        return found, np.stack([across.ravel()[found], down.ravel()[found]], axis=-1)
 
     def add(self, shots: str, pictures: Sequence[Image], mark_share: float = 0.0) -> None:
         """Compare the sum of pictures (H, W, 3), black subtracted from each, with white.
@@ -134,10 +134,9 @@ class StabilityChecks:
         moves = np.stack(
             [[ones, zeros, -y, x], [zeros, ones, x, y]]
         )  # (across or down, kind, pixel)
-        slopes = self._slope.reshape(-1, 2)[self._steep]
-        design = -np.einsum("nd,dkn->nk", slopes, moves)
+        design = -np.einsum("nd,dkn->nk", self._slopes, moves)
         found, covariance = self._fit(design, left, self._steep)
-        squares = np.einsum("dkn,dln->kl", moves, moves) / len(slopes)
+        squares = np.einsum("dkn,dln->kl", moves, moves) / len(self._slopes)
         length = float(np.sqrt(found @ squares @ found))
         along = squares @ found / max(length, 1e-12)  # unknown where borders all run one way
         return length, float(np.sqrt(along @ covariance @ along))

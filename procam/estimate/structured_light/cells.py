@@ -21,6 +21,7 @@ PHASES = 64  # parts of a period in which candidates are predicted once
 EDGE_PX = 1.0  # blur of a stripe's edge that is expected, standard deviation
 MISREAD = 0.75  # squared amplitudes that the stripes of a pixel may differ from the prediction
 MARGIN_PX = 1.5  # beyond the panel where a column may still be looked for
+BLOCK = 1 << 20  # pixels at a time, to save memory
 PARTS = ("position", "variance", "amplitude", "offset", "residual", "margin")
 
 
@@ -39,10 +40,11 @@ class Cells:
     contrast: tuple[Array32, ...]
     middle: Array32
 
-    def at(self, where: IndexArray) -> "Cells":
-        """The samples of the pixels `where` (n,), counted along the rows."""
-        part = tuple(np.ravel(one)[where] for one in self.contrast)
-        return Cells(self.lines, part, np.ravel(self.middle)[where])
+    def at(self, where: IndexArray | slice) -> "Cells":
+        """The samples of some rows, or of the pixels `where` (n,), counted along the rows."""
+        flat = not isinstance(where, slice)
+        parts = [(np.ravel(one) if flat else one)[where] for one in (*self.contrast, self.middle)]
+        return Cells(self.lines, tuple(parts[:-1]), parts[-1])
 
 
 class CellImages:
@@ -100,11 +102,30 @@ def find_in_cells(
 
     NaN where the stripes contradict every candidate.
     """
-    shape = np.shape(frames[0])
-    flat = [np.ravel(frame) for frame in frames]
+    found = [
+        np.empty(np.shape(frames[0]), np.float32) for _ in PARTS
+    ]  # one can go without the others
+    step = max(1, BLOCK // int(np.prod(np.shape(frames[0])[1:], dtype=int)))
+    for start in range(0, len(found[0]), step):
+        rows = slice(start, start + step)
+        flat = [np.ravel(frame[rows]) for frame in frames]
+        part = _find(flat, waves, distortion, length, cells.at(rows))
+        for values, new in zip(found, part, strict=True):
+            values[rows] = new.reshape(values[rows].shape)
+    return kernels.PhaseFit(*found)
+
+
+def _find(
+    flat: Sequence[AnyArray],
+    waves: Waves,
+    distortion: WaveDistortion,
+    length: int,
+    cells: Cells,
+) -> Array32:
+    """The parts of the fit (parts, n) of pixels (n,)."""
+    found = np.full((len(PARTS), flat[0].size), np.nan, np.float32)
     base = _fit(flat[: waves.base], waves.kept(np.arange(len(flat)) < waves.base), distortion)
     turn, margin, good = _turns(flat, base, waves, distortion, length, cells)
-    found = np.full((len(PARTS), flat[0].size), np.nan, np.float32)
     order = np.argsort(turn, kind="stable")
     groups, starts = np.unique(turn[order], return_index=True)
     for group, some in zip(groups, np.split(order, starts[1:]), strict=True):
@@ -115,7 +136,7 @@ def find_in_cells(
         found[:, some] = part
     found[0, ~good] = np.nan
     found[-1] = margin
-    return kernels.PhaseFit(*(part.reshape(shape) for part in found))
+    return found
 
 
 def _fit(frames: Sequence[AnyArray], waves: Waves, distortion: WaveDistortion) -> kernels.PhaseFit:

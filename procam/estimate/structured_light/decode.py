@@ -162,14 +162,11 @@ def _joined(
     code: Code, span: Map, x: AxisResult, y: AxisResult, limits: DecodeLimits
 ) -> CorrespondenceMap:
     """Both coordinates where both are known, the pixel has direct light, and they are on the panel."""
-    xy = np.stack([x.x, y.x], axis=-1)
+    xy = np.stack([x.x, y.x], axis=-1, dtype=np.float32)
     with np.errstate(invalid="ignore"):
         valid = np.isfinite(xy).all(axis=-1) & (span > limits.white_black)
         valid &= (x.direct + y.direct) / 2 >= limits.lit_share * span
         valid &= ((xy >= -0.5) & (xy <= np.array(code.size) - 0.5)).all(axis=-1)
-    sigma = np.stack([x.sigma, y.sigma], axis=-1)
-    return CorrespondenceMap(
-        np.where(valid[..., None], xy, np.nan).astype(np.float32),
-        np.where(valid[..., None], sigma, np.nan).astype(np.float32),
-        valid,
-    )
+    sigma = np.stack([x.sigma, y.sigma], axis=-1, dtype=np.float32)
+    xy[~valid], sigma[~valid] = np.nan, np.nan
+    return CorrespondenceMap(xy, sigma, valid)

@@ -73,8 +73,12 @@ def limits_by_noise(
 
 def difference_sigma(white: AnyArray, black: AnyArray, law: NoiseLaw, sensor: Sensor) -> Array32:
     """Standard error (H, W) of white - black, or of a pattern - its inverse [DN]."""
-    levels = (np.maximum(counts - sensor.black_level, 0) for counts in (white, black))
-    return np.sqrt(np.sum([law.variance(level) for level in levels], axis=0), dtype=np.float32)
+    dark = np.float32(sensor.black_level)
+    levels = (
+        np.maximum(np.subtract(counts, dark, dtype=np.float32), 0) for counts in (white, black)
+    )
+    first, second = (law.variance(level) for level in levels)
+    return np.asarray(np.sqrt(first + second), np.float32)
 
 
 def full_scale(white: AnyArray) -> float:

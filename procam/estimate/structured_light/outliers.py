@@ -14,8 +14,8 @@ def keep_only(found: CorrespondenceMap, keep: BoolArray) -> CorrespondenceMap:
     """The map with everything outside `keep` (H, W) unknown."""
     keep = keep & found.valid
     return CorrespondenceMap(
-        np.where(keep[..., None], found.projector_xy, np.nan).astype(np.float32),
-        np.where(keep[..., None], found.sigma_px, np.nan).astype(np.float32),
+        np.where(keep[..., None], found.projector_xy, np.float32(np.nan)),
+        np.where(keep[..., None], found.sigma_px, np.float32(np.nan)),
         keep,
         found.shared_px,
     )

@@ -7,12 +7,14 @@ and the projector coordinates have noise, so the fit is in this direction. `drop
 fits to find misread pixels.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from procam.arrays import Array, Array32, BoolArray, IndexArray
+from procam.arrays import Array, Array32, BoolArray, FloatArray, IndexArray
 from procam.estimate.structured_light.outliers import keep_only
+from procam.maths.grouped_fit import NormalEquations
 from procam.model.correspondence import CorrespondenceMap, ProjectorMap
 
 PIXELS_PER_PATCH = 72  # reduce a noise of 0.3 px to 0.04
@@ -26,20 +28,29 @@ SIGMAS = 6.0
 SHARED_PX = 0.0025  # least error that neighbouring pixels have in common (studies/codes.md)
 MISFIT_PX = 0.5  # residual that the fit may have beyond noise
 ROUNDS = 2
+PART = 1 << 18  # pixels at a time
 
 
 @dataclass(frozen=True, slots=True)
 class _Pixels:
-    """The decoded camera pixels: camera_px, xy, their standard errors sigma and shared, (N, 2) [px] each."""
+    """The decoded camera pixels: camera_px, xy, their standard errors sigma and shared, (N, 2) [px] each.
 
-    camera_px: Array
-    xy: Array
-    sigma: Array
-    shared: Array
+    In single precision, and in double precision a part at a time: a large camera has ten million.
+    """
 
-    def where(self, use: BoolArray) -> "_Pixels":
-        """The pixels that `use` (N,) selects."""
-        return _Pixels(self.camera_px[use], self.xy[use], self.sigma[use], self.shared[use])
+    camera_px: Array32
+    xy: Array32
+    sigma: Array32
+    shared: Array32
+
+    def parts(self) -> Iterator[slice]:
+        """Slices of the pixels, one after the other."""
+        return (slice(i, i + PART) for i in range(0, len(self.xy), PART))
+
+    def some(self, part: slice, use: BoolArray) -> "_Pixels":
+        """The pixels of a part that `use` (N,) selects, in double precision."""
+        of, chosen = (self.camera_px, self.xy, self.sigma, self.shared), use[part]
+        return _Pixels(*(values[part][chosen].astype(float) for values in of))
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,12 +67,12 @@ class _Bends:
     middle: Array
     terms: Array
 
-    def at(self, patch: IndexArray, camera_px: Array) -> Array:
+    def at(self, patch: IndexArray, camera_px: FloatArray) -> Array:
         """The quadratic part (N, 2) [projector px] of the map."""
         u, v, terms = self.local(patch, camera_px)
         return u * u * terms[:, 0] + u * v * terms[:, 1] + v * v * terms[:, 2]
 
-    def local(self, patch: IndexArray, camera_px: Array) -> tuple[Array, Array, Array]:
+    def local(self, patch: IndexArray, camera_px: FloatArray) -> tuple[Array, Array, Array]:
         """Offsets u and v (N, 1) of camera pixels (N, 2), and the terms (N, 3, 2) of their blocks."""
         block = self.block[patch]
         u, v = (camera_px - self.middle[block]).T[..., None]
@@ -85,7 +96,7 @@ class _Fits:
     count: Array
     shared_px2: Array
 
-    def predict(self, patch: IndexArray, camera_px: Array) -> Array:
+    def predict(self, patch: IndexArray, camera_px: FloatArray) -> Array:
         """Projector pixel (N, 2) of camera pixels (N, 2), by their `patch` (N,)."""
         near = camera_px - self.middle[patch]
         lines = self.line[patch]
@@ -109,25 +120,26 @@ def fit_projector_map(found: CorrespondenceMap, size: tuple[int, int]) -> Projec
     pixels = _pixels(found)
     patch_px = patch_size(pixels.xy)
     shape = (-(-size[1] // patch_px), -(-size[0] // patch_px))
-    position = pixels.xy
-    use = _near_their_patch(_patch_index(position, patch_px, shape), pixels.camera_px, shape)
+    index = _patch_index(pixels.xy, patch_px, shape)
+    use = _near_their_patch(index, pixels, shape)
     for _ in range(ROUNDS):
-        index = _patch_index(position, patch_px, shape)
-        fits = _fit(index[use], pixels.where(use), shape)
-        position = fits.predict(index, pixels.camera_px)
-        near = np.abs(pixels.xy - position) <= MISFIT_PX + SIGMAS * pixels.sigma
-        use = np.asarray(near.all(axis=1) & (fits.count[index] >= MIN_PIXELS))
-        position = np.where(use[:, None], position, pixels.xy)
+        fits = _fit(index, pixels, use, shape)
+        for part in pixels.parts():
+            xy, patch = pixels.xy[part], index[part]
+            position = fits.predict(patch, pixels.camera_px[part])
+            near = np.abs(xy - position) <= MISFIT_PX + SIGMAS * pixels.sigma[part]
+            use[part] = near.all(axis=1) & (fits.count[patch] >= MIN_PIXELS)
+            position = np.where(use[part, None], position, xy)
+            index[part] = _patch_index(position, patch_px, shape)
     return _at_centres(fits, patch_px, shape)
 
 
-def patch_size(xy: Array) -> int:
+def patch_size(xy: FloatArray) -> int:
     """Edge [px] of patches that contain some 72 of the projector coordinates xy (N, 2)."""
     if not len(xy):
         return SMALLEST_PATCH_PX
-    cells = np.unique(
-        np.floor(xy / 16).astype(np.int32) @ np.array([1, 1 << 14]), return_counts=True
-    )
+    column, row = np.floor(xy / 16).astype(np.int32).T
+    cells = np.unique(column + (row << 14), return_counts=True)
     density = float(np.median(cells[1])) / 16**2
     return max(SMALLEST_PATCH_PX, round(float(np.sqrt(PIXELS_PER_PATCH / density))))
 
@@ -137,98 +149,98 @@ def drop_inconsistent(found: CorrespondenceMap, seen: ProjectorMap) -> Correspon
 
     Pixels of patches without a fit are kept.
     """
-    rows, columns = np.nonzero(found.valid)
-    xy, sigma = found.projector_xy[found.valid], found.sigma_px[found.valid]
-    height, width = seen.valid.shape
-    patch = np.clip((xy + 0.5) / seen.patch_px, 0, [width - 1e-3, height - 1e-3]).astype(int)
-    at = (patch[:, 1], patch[:, 0])
-    offset = np.stack([columns, rows], axis=1) - seen.camera_px[at]
-    centre = (patch + 0.5) * seen.patch_px - 0.5
-    miss = np.abs(xy - centre - np.einsum("nij,nj->ni", seen.slope[at], offset))
-    ok = (miss <= MISFIT_PX + SIGMAS * sigma).all(axis=1) | ~seen.valid[at]
+    pixels, (height, width) = _pixels(found), seen.valid.shape
+    ok = np.empty(len(pixels.xy), bool)
+    for part in pixels.parts():
+        xy = pixels.xy[part].astype(float)
+        patch = np.clip((xy + 0.5) / seen.patch_px, 0, [width - 1e-3, height - 1e-3]).astype(int)
+        at = (patch[:, 1], patch[:, 0])
+        offset = pixels.camera_px[part] - seen.camera_px[at]
+        centre = (patch + 0.5) * seen.patch_px - 0.5
+        miss = np.abs(xy - centre - np.einsum("nij,nj->ni", seen.slope[at], offset))
+        near = (miss <= MISFIT_PX + SIGMAS * pixels.sigma[part]).all(axis=1)
+        ok[part] = near | ~seen.valid[at]
     keep = np.zeros_like(found.valid)
-    keep[rows[ok], columns[ok]] = True
+    keep[found.valid] = ok
     return keep_only(found, keep)
 
 
-def _patch_index(position: Array, patch_px: int, shape: tuple[int, int]) -> IndexArray:
-    cell = np.floor((position + 0.5) / patch_px).astype(int)
+def _patch_index(position: FloatArray, patch_px: int, shape: tuple[int, int]) -> IndexArray:
+    cell = np.floor((position + 0.5) / patch_px).astype(np.int32)
     column, row = np.clip(cell, 0, [shape[1] - 1, shape[0] - 1]).T
-    return np.asarray(row * shape[1] + column, np.intp)
+    return np.asarray(row * shape[1] + column, np.int32)
 
 
 def _pixels(found: CorrespondenceMap) -> _Pixels:
-    rows, columns = np.nonzero(found.valid)
-    camera_px = np.stack([columns, rows], axis=1).astype(float)
-    xy = found.projector_xy[found.valid].astype(float)
-    sigma = np.maximum(found.sigma_px[found.valid].astype(float), 1e-6)
+    camera_px = np.argwhere(found.valid)[:, ::-1].astype(np.float32)
+    xy = found.projector_xy[found.valid]
+    sigma = np.maximum(found.sigma_px[found.valid], np.float32(1e-6))
     shared = found.shared_px
-    errors = np.zeros_like(xy) if shared is None else shared[found.valid].astype(float)
+    errors = np.zeros_like(xy) if shared is None else shared[found.valid]
     return _Pixels(camera_px, xy, sigma, errors)
 
 
-def _fit(index: IndexArray, pixels: _Pixels, shape: tuple[int, int]) -> _Fits:
+def _fit(index: IndexArray, pixels: _Pixels, use: BoolArray, shape: tuple[int, int]) -> _Fits:
     patches = shape[0] * shape[1]
-    weight = 1 / np.mean(pixels.sigma**2, axis=1)
-    count = np.bincount(index, minlength=patches).astype(float)
-    bends = _fit_bends(index, pixels, weight, count >= MIN_PIXELS, shape)
-    middle = _means(index, pixels.camera_px, patches)
-    near = pixels.camera_px - middle[index]
-    terms = np.concatenate([np.ones((len(near), 1)), near], axis=1)
-    straight = pixels.xy - bends.at(index, pixels.camera_px)
-    line, inverse = _grouped_fit(index, terms, straight, weight, patches)
-    shared_px2 = _means(index, pixels.shared**2, patches).mean(axis=1)
-    return _Fits(middle, line, inverse, bends, count, shared_px2)
+    count = np.bincount(index[use], minlength=patches).astype(float)
+    bends = _fit_bends(index, pixels, use, count >= MIN_PIXELS, shape)
+    middle = _means(index, pixels.camera_px, use, patches)
+    normal = NormalEquations(3, patches)
+    for part in pixels.parts():
+        some, patch = pixels.some(part, use), index[part][use[part]]
+        near = some.camera_px - middle[patch]
+        straight = some.xy - bends.at(patch, some.camera_px)
+        normal.add(patch, [np.ones(len(near)), *near.T], straight, _weight(some))
+    shared_px2 = _means(index, pixels.shared**2, use, patches).mean(axis=1)
+    return _Fits(middle, *normal.solved(), bends, count, shared_px2)
 
 
 def _fit_bends(
-    index: IndexArray, pixels: _Pixels, weight: Array, seen: BoolArray, shape: tuple[int, int]
+    index: IndexArray,
+    pixels: _Pixels,
+    use: BoolArray,
+    seen: BoolArray,
+    shape: tuple[int, int],
 ) -> _Bends:
     """Curvature of the blocks of which at least half the patches are `seen` (P,), 0 for the others."""
     blocks = (-(-shape[0] // BLOCK), -(-shape[1] // BLOCK))
     rows, columns = np.divmod(np.arange(len(seen)), shape[1])
-    block = rows // BLOCK * blocks[1] + columns // BLOCK
-    of_pixel = block[index]
-    middle = _means(of_pixel, pixels.camera_px, blocks[0] * blocks[1])
-    u, v = (pixels.camera_px - middle[of_pixel]).T
-    terms = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=1)
-    bend, _ = _grouped_fit(of_pixel, terms, pixels.xy, weight, len(middle))
+    block = (rows // BLOCK * blocks[1] + columns // BLOCK).astype(np.int32)
+    middle = _means(block[index], pixels.camera_px, use, blocks[0] * blocks[1])
+    normal = NormalEquations(6, len(middle))
+    for part in pixels.parts():
+        some, of_pixel = pixels.some(part, use), block[index[part][use[part]]]
+        u, v = (some.camera_px - middle[of_pixel]).T
+        terms = [np.ones_like(u), u, v, u * u, u * v, v * v]
+        normal.add(of_pixel, terms, some.xy, _weight(some))
+    bend, _ = normal.solved()
     bend[np.bincount(block, seen, len(middle)) < FULL_BLOCK] = 0.0
     return _Bends(block, middle, bend[:, 3:])
 
 
-def _near_their_patch(index: IndexArray, camera_px: Array, shape: tuple[int, int]) -> BoolArray:
+def _weight(pixels: _Pixels) -> Array:
+    return np.asarray(1 / np.mean(pixels.sigma**2, axis=1))
+
+
+def _near_their_patch(index: IndexArray, pixels: _Pixels, shape: tuple[int, int]) -> BoolArray:
     """Pixels (N,) that lie near the mean camera pixel of their patch; misread ones do not."""
     patches = shape[0] * shape[1]
     use = np.ones(len(index), bool)
+    away = np.empty((len(index), 1), np.float32)
     for _ in range(ROUNDS):
-        away = camera_px - _means(index[use], camera_px[use], patches)[index]
-        away = np.sum(away**2, axis=1, keepdims=True)
-        use = away[:, 0] <= FAR**2 * _means(index[use], away[use], patches)[index, 0]
+        middle = _means(index, pixels.camera_px, use, patches)
+        for part in pixels.parts():
+            step = pixels.camera_px[part] - middle[index[part]]
+            away[part] = np.sum(step**2, axis=1, keepdims=True)
+        use = away[:, 0] <= FAR**2 * _means(index, away, use, patches)[index, 0]
     return use
 
 
-def _means(index: IndexArray, values: Array, groups: int) -> Array:
-    count = np.maximum(np.bincount(index, minlength=groups), 1)
-    return np.stack([np.bincount(index, column, groups) / count for column in values.T], axis=1)
-
-
-def _grouped_fit(
-    index: IndexArray, terms: Array, values: Array, weight: Array, groups: int
-) -> tuple[Array, Array]:
-    """Weighted least squares of values (N, 2) on terms (N, T) in each group: (G, T, 2), (G, T, T)."""
-    count = terms.shape[1]
-    normal, right = np.empty((groups, count, count)), np.empty((groups, count, 2))
-    for i in range(count):
-        weighted = weight * terms[:, i]
-        for j in range(i, count):
-            normal[:, i, j] = normal[:, j, i] = np.bincount(index, weighted * terms[:, j], groups)
-        for j in range(2):
-            right[:, i, j] = np.bincount(index, weighted * values[:, j], groups)
-    scale = np.sqrt(np.maximum(np.diagonal(normal, axis1=1, axis2=2), 1e-30))
-    unit = normal / scale[:, :, None] / scale[:, None, :] + 1e-9 * np.eye(count)
-    inverse = np.linalg.inv(unit) / scale[:, :, None] / scale[:, None, :]
-    return inverse @ right, inverse
+def _means(index: IndexArray, values: FloatArray, use: BoolArray, groups: int) -> Array:
+    """Means (G, C) of the values (N, C) of each group that `use` (N,) selects."""
+    chosen = index[use]
+    count = np.maximum(np.bincount(chosen, minlength=groups), 1)
+    return np.stack([np.bincount(chosen, v[use], groups) / count for v in values.T], axis=1)
 
 
 def _at_centres(fits: _Fits, patch_px: int, shape: tuple[int, int]) -> ProjectorMap:

@@ -1,6 +1,5 @@
 """Sinusoidal pictures of one axis to columns with standard errors (docs/theory/structured-light.md (S3))."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +16,7 @@ from procam.estimate.structured_light.self_calibration import (
 from procam.kernels import PhaseFit
 from procam.maths.codes.phase import WaveDistortion, Waves
 
+BAND = 256  # rows at a time
 EQUAL = 1e-6  # sum of the phasors of equal steps
 MIN_SAMPLES = 5  # of a pixel: two more than its unknowns, as a check
 NEGLIGIBLE_SURPLUS = 1e-4  # of the flux; moves columns by less than 0.01 px
@@ -83,34 +83,36 @@ def decode_sinusoids(pictures: SinusoidImages) -> SinusoidResult:
     short = np.logical_or.reduce(pictures.dropped)
     known = self_calibrate(pictures)
     found = find_columns(frames, waves, known.distortion, pictures.length, cells)
+    scattered = np.zeros(short.shape, np.float32)
     if np.abs(known.surplus).max() > NEGLIGIBLE_SURPLUS:
-        frames = _balanced(pictures, known, found)
-        found = find_columns(frames, waves, known.distortion, pictures.length, cells)
-    count = np.full(short.shape, len(frames))
+        scattered = _scattered(pictures, known, found)
+        _find_balanced(pictures, known, scattered, found)
+    count = np.full(short.shape, len(frames), np.int16)
     if short.any():
-        count -= np.sum(pictures.dropped, axis=0)
-        _search_rest(
-            pictures,
-            frames,
-            known.distortion,
-            short & pictures.usable & (count >= least),
-            found,
-        )
+        count -= np.sum(pictures.dropped, axis=0, dtype=np.int16)
+        rest = short & pictures.usable & (count >= least)
+        _search_rest(pictures, known, scattered, rest, found)
     noise = pictures.variance
     if noise is None:
-        noise = known.noise.variance(found.offset)
+        noise = known.noise.variance(found.offset).astype(np.float32)
     ok = _trusted(found, count, noise) & (count >= least)
+    unplaced = _unplaced_share(found, ok, count, noise)
     unseen = unseen_harmonic_px(waves) if pictures.hides_harmonic else 0.0
-    sigma = np.sqrt(np.where(ok, found.variance * noise + unseen**2, np.nan))
-    amplitude = np.where(short & ~ok, 0.0, found.amplitude) / known.distortion.depth(waves)
+    x, sigma, amplitude = found.position, found.variance, found.amplitude  # which become the result
+    x[~ok] = np.nan
+    sigma *= noise
+    sigma += np.float32(unseen**2)
+    sigma[~ok] = np.nan
+    amplitude[short & ~ok] = 0
+    amplitude /= np.float32(known.distortion.depth(waves))
     return SinusoidResult(
-        np.where(ok, found.position, np.nan).astype(np.float32),
-        sigma.astype(np.float32),
-        np.nan_to_num(amplitude).astype(np.float32),
+        x,
+        np.sqrt(sigma, out=sigma),
+        np.nan_to_num(amplitude, copy=False),
         known.distortion,
         known.noise,
         float(waves.periods.mean()),
-        _unplaced_share(found, ok, count, noise),
+        unplaced,
     )
 
 
@@ -123,25 +125,48 @@ def unseen_harmonic_px(waves: Waves) -> float:
     return float(UNSEEN_HARMONIC / np.sqrt(2) * waves.periods[0] / (2 * np.pi))
 
 
-def _balanced(pictures: SinusoidImages, known: SelfCalibration, found: PhaseFit) -> list[Array32]:
-    """The photographs less the scattered light of their surplus flux."""
+def _scattered(pictures: SinusoidImages, known: SelfCalibration, found: PhaseFit) -> Map:
+    """Scattered light (H, W) of white."""
     direct = 2 / known.distortion.depth(pictures.waves) * np.nan_to_num(found.amplitude)
-    scattered = np.maximum(pictures.span - direct, 0)
+    return np.asarray(np.maximum(pictures.span - direct, 0), np.float32)
+
+
+def _find_balanced(
+    pictures: SinusoidImages, known: SelfCalibration, scattered: Map, found: PhaseFit
+) -> None:
+    """Decode the photographs less the scattered light of their surplus flux into `found`, in place.
+
+    Some rows at a time: all of them in single precision would be much memory.
+    """
+    cells = pictures.cells
+    for top in range(0, len(scattered), BAND):
+        rows = slice(top, top + BAND)
+        frames = _balanced(pictures, known, scattered, rows)
+        some = None if cells is None else cells.at(rows)
+        part = find_columns(frames, pictures.waves, known.distortion, pictures.length, some)
+        for values, new in zip(found, part, strict=True):
+            values[rows] = new
+
+
+def _balanced(
+    pictures: SinusoidImages, known: SelfCalibration, scattered: Map, where: slice | BoolArray
+) -> list[Array32]:
+    """The photographs in some places, less the scattered light of their surplus flux."""
     return [
-        frame - np.float32(surplus) * scattered
+        np.asarray(frame[where] - np.float32(surplus) * scattered[where], np.float32)
         for frame, surplus in zip(pictures.frames, known.surplus, strict=True)
     ]
 
 
 def _search_rest(
     pictures: SinusoidImages,
-    frames: Sequence[AnyArray],
-    distortion: WaveDistortion,
+    known: SelfCalibration,
+    scattered: Map,
     rows: BoolArray,
     found: PhaseFit,
 ) -> None:
     """Decode the pixels `rows` (H, W) with missing samples into `found`, in place."""
-    samples = np.stack([f[rows] for f in frames], axis=1).astype(np.float32)
+    samples = np.stack(_balanced(pictures, known, scattered, rows), axis=1)
     keep = ~np.stack([d[rows] for d in pictures.dropped], axis=1)
     answers = np.full((len(found), len(samples)), np.nan, np.float32)
     for pattern in np.unique(keep, axis=0):
@@ -152,7 +177,8 @@ def _search_rest(
         if not some.size:
             continue
         columns = list(np.ascontiguousarray(samples[np.ix_(some, pattern)].T))
-        answers[:, some] = np.stack(find_columns(columns, waves, distortion, pictures.length))
+        fits = find_columns(columns, waves, known.distortion, pictures.length)
+        answers[:, some] = np.stack(fits)
     for part, answer in zip(found, answers, strict=True):
         part[rows] = answer
 

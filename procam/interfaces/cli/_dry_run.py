@@ -9,6 +9,7 @@ from procam.interfaces.cli._output import Output
 from procam.model.plan import Shot
 from procam.workflows.capture.by_hand import exposed_by_hand
 from procam.workflows.capture.session_plan import plan_of_session
+from procam.workflows.solve.memory import solve_bytes
 
 DRIVEN_S = 1.0  # beside the exposure: show, settle, read out, store
 BY_HAND_S = 5.0  # a DSLR takes 3.5 to 7 s a shot
@@ -45,6 +46,8 @@ def run_dry(venue: Venue, output: Output) -> None:
     for line in _order(stages):
         output.say(f"  {line}")
     output.say(f"directions can be solved after {geometry.shots} shots, {geometry.minutes:.1f} min")
+    memory_gb = round(solve_bytes(venue.cameras.values()) / 1e9, 1)
+    output.say(f"to solve it takes {memory_gb} GB of memory")
     output.say(
         "{shots} shots, {exposures} exposures, {minutes} min, {gigabytes} GB".format(**document)
     )
@@ -52,6 +55,7 @@ def run_dry(venue: Venue, output: Output) -> None:
     output.finish(
         {
             **document,
+            "solve_memory_gb": memory_gb,
             "dark": rounded.pop(""),
             "projectors": rounded,
             "order": [dict(zip(("projector", "purpose", "shots"), s, strict=True)) for s in stages],

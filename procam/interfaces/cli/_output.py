@@ -66,7 +66,7 @@ class Output:
         from rich.console import Console
         from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-        from procam.interfaces.cli._memory import keep_large_buffers
+        from procam.memory import keep_large_buffers
         from procam.workflows.events import ended_with
 
         keep_large_buffers()
@@ -103,7 +103,7 @@ class Output:
         """
         if sys.stderr.isatty() and not quiet:
             return with_notes(self.follow(events))
-        from procam.interfaces.cli._memory import keep_large_buffers
+        from procam.memory import keep_large_buffers
 
         keep_large_buffers()
         data: dict[str, Any] = {}

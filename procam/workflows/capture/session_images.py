@@ -52,7 +52,7 @@ class SessionImages:
         return next((s for s in shots if all((s.id, e) in stored for e in s.exposures_s)), None)
 
     def _frame(self, shot: Shot, exposure: int) -> Frame:
-        camera, exposure_s = self.radiometer.camera, shot.exposures_s[exposure]
+        camera, exposure_s = self.radiometer.photographed, shot.exposures_s[exposure]
         by_hand = self.session.directory.name.startswith(PREFIX)
         if by_hand and (shot.id, exposure_s) not in self.session.stored(camera.name):
             raise FileFormatError(self._not_photographed())
@@ -91,7 +91,7 @@ class SessionImages:
         """
         shot = self.only(projector if self.plan.of(projector, "dark") else "", "dark")
         short, long = self.light(shot, 0), self.light(shot, 1)
-        if float(np.mean(self.counts(shot)[self.radiometer.seen] == 0)) > CUT_OFF:
+        if float(self.at_zero(shot)[self.radiometer.seen].mean()) > CUT_OFF:
             short = np.where(np.isnan(long), short, long)
         return short, long
 
@@ -112,9 +112,10 @@ class SessionImages:
             yield int(shot.detail["plane"]), self.counts(shot)
 
     def step(self, projector: str) -> float:
-        """Radiance of one count of a projector's white."""
+        """Radiance of a step of a projector's white: a count, or less where pixels are joined."""
         exposure_s = self.only(projector, "white").exposures_s[0]
-        return 1 / (self.radiometer.camera.sensor.full_scale * exposure_s)
+        steps = self.radiometer.camera.sensor.full_scale * self.radiometer.binning.factor
+        return 1 / (steps * exposure_s)
 
     def white_and_black(self, projector: str) -> tuple[Counts, Counts]:
         """Green counts (H, W) of white, and of black as if exposed like it [DN]."""
@@ -128,14 +129,22 @@ class SessionImages:
             yield self.counts(pattern), self.counts(inverse)
 
     def counts(self, shot: Shot, exposure: int = 0) -> Counts:
-        """Raw green counts (H, W) of a shot at its first or another exposure [DN]."""
+        """Green counts (H, W) of a photograph, at its first or another exposure, no pixels joined [DN]."""
         return _green(self._frame(shot, exposure))
+
+    def at_zero(self, shot: Shot, exposure: int = 0) -> Image:
+        """Share (H, W) of the green counts that are 0, of each pixel of the radiance."""
+        return self.radiometer.binning.means(self.counts(shot, exposure) == 0)
 
     def _exposed_as(self, wanted: Frame, frame: Frame) -> Counts:
         """Green counts of a frame as if exposed like `wanted`: black is photographed long."""
         level = self.radiometer.camera.sensor.black_level
         ratio = wanted.settings.exposure_s / frame.settings.exposure_s
-        return np.rint(level + (_green(frame) - level) * ratio).clip(0).astype(np.uint16)
+        counts = _green(frame).astype(np.float32)
+        counts -= np.float32(level)
+        counts *= np.float32(ratio)
+        counts += np.float32(level)
+        return np.maximum(np.rint(counts, out=counts), 0).astype(np.uint16)
 
     def stripe_pairs(self, projector: str) -> Iterator[tuple[str, int, Image, Image]]:
         """(axis, bit, pattern, inverse) of the stripes for the separation."""
@@ -160,4 +169,5 @@ class SessionImages:
 
 
 def _green(frame: Frame) -> Counts:
-    return frame.counts if frame.counts.ndim == 2 else frame.counts[..., GREEN]
+    """Green counts (H, W) on their own; a view would keep all of (H, W, 3)."""
+    return frame.counts if frame.counts.ndim == 2 else frame.counts[..., GREEN].copy()

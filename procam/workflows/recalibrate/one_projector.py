@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from procam.arrays import Array
-from procam.estimate.calibration import ProjectorMeasurement, direct_black
+from procam.estimate.calibration import ProjectorMeasurement
+from procam.estimate.camera.binning import Binning
 from procam.estimate.camera.radiance import Radiometer
 from procam.estimate.geometry.camera_view import DomeView
 from procam.estimate.geometry.known_rig import solve_projectors
@@ -21,8 +22,7 @@ from procam.files.venue.masks import nudges, projector_masks
 from procam.model.calibration import Calibration
 from procam.workflows.capture.session_images import SessionImages
 from procam.workflows.main_camera import screen_view
-from procam.workflows.solve.calibrate import decode_projector
-from procam.workflows.solve.direct_light import Decoded
+from procam.workflows.solve.decode import Decoded, decode_projector
 from procam.workflows.solve.geometry import rig_problem
 from procam.workflows.solve.light import measure_light
 from procam.workflows.solve.long_exposure import with_long_exposure
@@ -56,9 +56,8 @@ def solve_again(
         "notes": [*kept, *now.notes],
         "recalibrated": [*old.provenance.get("recalibrated", []), name],
     }
-    measured, measured_before = (_with_black(venue, each, old, name) for each in (now, before))
-    black = direct_black(measured_before)
-    new = with_projector(old, name, now.geometry, measured, black, nudges(venue), origin)
+    lights = (_with_black(venue, before, old, name), _with_black(venue, now, old, name))
+    new = with_projector(old, name, now.geometry, now.view, lights, nudges(venue), origin)
     residual = now.geometry.residual_px[now.geometry.main, name]
     rms = float(np.sqrt(np.mean(residual**2)))
     return Repaired(new, rms, _rise_of_dark(now, old, name), now.notes)
@@ -77,7 +76,8 @@ class _Measured:
 
 def _measured(venue: Venue, session: Session, calibration: Calibration, name: str) -> _Measured:
     """A projector by the camera that the calibration's light was measured with, where it stands."""
-    radiometer = Radiometer(calibration.camera)
+    camera = calibration.camera
+    radiometer = Radiometer(camera, Binning.of(camera))
     images, notes = with_long_exposure(SessionImages(session, session.read_plan(), radiometer))
     found, geometry, decoded = _placed(venue, images, calibration, name)
     view = screen_view(venue, calibration.screen, radiometer)
@@ -105,8 +105,8 @@ def _with_black(
         return measured.light
     others = {n: _measured(venue, session, calibration, n).light for n in names if n != name}
     lights = {**others, name: measured.light}
-    black = with_shared_black(venue, measured.images, measured.view, lights, name)
-    return black.measured[name]
+    with_shared_black(venue, measured.images, measured.view, lights, name)
+    return lights[name]
 
 
 def _placed(

@@ -1,29 +1,22 @@
 """From stored captures to a calibration; needs no device and repeats to the last bit."""
 
-from collections.abc import Callable, Generator, Iterator, Mapping
+from collections.abc import Generator, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import TypeVar
 
-from procam.errors import CalibrationError
-from procam.estimate.calibration import ProjectorMeasurement, assemble
+from procam.estimate.calibration import assemble
+from procam.estimate.camera.binning import Binning
 from procam.estimate.camera.radiance import Radiometer
 from procam.estimate.geometry.apriltags import TagObservations
 from procam.estimate.geometry.model import Observations, Pair
-from procam.estimate.geometry.observations import gather_observations
 from procam.estimate.geometry.solve import GeometrySolution
 from procam.estimate.media_server.camera_pose import PlacedCamera
 from procam.estimate.media_server.dome_master import DomeMaster
-from procam.estimate.structured_light.codes import make_code
-from procam.estimate.structured_light.decode import Decoder
-from procam.estimate.structured_light.limits import limits_by_noise
-from procam.estimate.structured_light.outliers import keep_only
 from procam.files.calibration import save_calibration
 from procam.files.history.record import recorded
 from procam.files.session import Session
 from procam.files.venue.load import Venue
 from procam.files.venue.masks import (
-    camera_masks,
     nudges,
     projector_masks,
     protected_mask,
@@ -32,19 +25,18 @@ from procam.files.versions import calibration_in_use, list_calibrations, next_di
 from procam.model.calibration import Calibration
 from procam.model.quality import Figure
 from procam.model.screen import Dome
-from procam.threads import ThreadPool
 from procam.workflows.capture.decoded import with_decoded_bits
 from procam.workflows.capture.session_images import SessionImages
 from procam.workflows.capture.session_plan import plan_of, server_of
 from procam.workflows.events import Event
 from procam.workflows.main_camera import screen_view
 from procam.workflows.solve.apriltags import detect_tags, tag_marks, tag_notes
-from procam.workflows.solve.code_light import odd_waves
-from procam.workflows.solve.direct_light import Decoded, check_decoded, stripe_light
+from procam.workflows.solve.decode import Decoded, decode_bytes, decode_projector
 from procam.workflows.solve.geometry import rig_problem, solve_rig
 from procam.workflows.solve.glare import with_bounded_glare
 from procam.workflows.solve.light import measure_light, measure_server_light
 from procam.workflows.solve.long_exposure import with_long_exposure
+from procam.workflows.solve.measurements import MeasurementsOnDisk
 from procam.workflows.solve.media_server import (
     placed_by_server,
     server_figures,
@@ -56,10 +48,10 @@ from procam.workflows.solve.plausible import check_calibration, check_on_screen
 from procam.workflows.solve.predecessor import compare_with_predecessor
 from procam.workflows.solve.provenance import provenance
 from procam.workflows.solve.shared_black import with_shared_black
+from procam.workflows.solve.side_by_side import side_by_side
+from procam.workflows.solve.sight import sight_bytes
 
 SHAPE_FIGURES = ("sphere_variance_ratio", "shape_degree")
-WORKERS = 2  # each holds about 400 MB for a 2.5 Mpx camera
-Result = TypeVar("Result")
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +95,7 @@ def _solve(venue: Venue, session: Session) -> Iterator[Event]:
     )
     yield Event("solve", total - len(names) - 2, total, f"geometry solved; {rig.verdict}")
     geometry = rig.geometry
-    images, exposure_notes = with_long_exposure(_of_main(rig))
+    images, exposure_notes = with_long_exposure(_of_main(venue, rig))
     geometry, glare_notes = with_bounded_glare(images, geometry)
     images = _with_glare(images, geometry)
     dome = _solved_screen(venue, geometry)
@@ -113,19 +105,19 @@ def _solve(venue: Venue, session: Session) -> Iterator[Event]:
     if not server:
         geometry = with_near_veil(dome, images, view, geometry, rig.found)
         images = _with_glare(images, geometry)
-        view = replace(view, camera=geometry.camera)
+        view = replace(view, camera=images.radiometer.camera)
     work = partial(measure_light, dome, images, view, geometry, rig.found, projector_masks(venue))
     if server:
         mask = projector_masks(venue)[server.name]
         work = partial(measure_server_light, dome, images, view, geometry, (server, mask))
-    measured: dict[str, ProjectorMeasurement] = {}
-    for i, (name, measured[name]) in enumerate(_each(names, work)):
-        done = total - len(names) - 1 + i
-        yield Event("solve", done, total, f"{name} light split, response fitted")
-    falloff = venue.table.blend.falloff_per_rad
-    black = with_shared_black(venue, images, view, measured)
-    origin["notes"] += black.notes
-    calibration = assemble(dome, geometry, view, black.measured, nudges(venue), origin, falloff)
+    with MeasurementsOnDisk(venue.directory) as measured:
+        for i, (name, measured[name]) in enumerate(side_by_side(work, names, sight_bytes(view))):
+            done = total - len(names) - 1 + i
+            yield Event("solve", done, total, f"{name} light split, response fitted")
+        falloff = venue.table.blend.falloff_per_rad
+        black = with_shared_black(venue, images, view, measured)
+        origin["notes"] += black.notes
+        calibration = assemble(dome, geometry, view, measured, nudges(venue), origin, falloff)
     if server:  # content is drawn as the server plays it
         calibration = replace(calibration, canvas=server.canvas)
     quality = _quality(calibration, rig) | black.figures(calibration)
@@ -163,11 +155,12 @@ def _rig_by_codes(venue: Venue, session: Session, total: int) -> Generator[Event
         images = SessionImages(session, plan, Radiometer(cameras[camera]))
         tags_seen[camera] = detect_tags(venue, images)
         work = partial(decode_projector, venue, images)
-        for name, (seen, patches, lines) in _each(list(venue.table.projectors), work):
+        for name, (seen, patches, lines) in side_by_side(
+            work, venue.table.projectors, decode_bytes(cameras[camera])
+        ):
             found[camera, name], gathered[camera, name] = seen, patches
             odd += lines
-            share = float(seen.map.valid.sum() / images.radiometer.seen.sum())
-            text = f"{name} decoded, {share:.0%} of what {camera} sees"
+            text = f"{name} decoded, {seen.share:.0%} of what {camera} sees"
             yield Event("solve", len(found), total, text)
     marks = [*venue.fiducials, *tag_marks(venue, tags_seen)]
     geometry, verdict, notes = solve_rig(rig_problem(venue, gathered, marks))
@@ -198,55 +191,20 @@ def _rig_by_server(
     return _SolvedRig(geometry, images, verdict, notes, figures=figures)
 
 
-def _of_main(rig: _SolvedRig) -> SessionImages:
+def _of_main(venue: Venue, rig: _SolvedRig) -> SessionImages:
     """The session's images of the main camera, the one that sees most, through its solved lens.
 
     venue.toml's lens is where the solve started: directions, solid angles and vignetting read with
     it would be wrong by as much as it is.
     """
-    return SessionImages(rig.images.session, rig.images.plan, Radiometer(rig.geometry.camera))
+    images, camera = rig.images, rig.geometry.camera
+    stated = venue.cameras[camera.name]  # as its pixels were joined when it was decoded
+    return replace(images, radiometer=Radiometer(camera, Binning.of(stated)))
 
 
 def _with_glare(images: SessionImages, geometry: GeometrySolution) -> SessionImages:
     """The images of the main camera, whose glare is known better now."""
     return replace(images, radiometer=images.radiometer.with_glare(geometry.camera.sensor))
-
-
-def _each(names: list[str], work: Callable[[str], Result]) -> Iterator[tuple[str, Result]]:
-    """Results by projector, in order; two at a time, since NumPy leaves the other core idle."""
-    with ThreadPool(WORKERS) as pool:
-        yield from zip(names, pool.map(work, names), strict=True)
-
-
-def decode_projector(
-    venue: Venue, images: SessionImages, name: str
-) -> tuple[Decoded, Observations, list[str]]:
-    """What a camera sees of a projector, pixel by pixel and by patches of the panel; and notes."""
-    camera = images.radiometer.camera
-    white_and_black = images.white_and_black(name)
-    law, direct = stripe_light(images, name, *white_and_black)
-    limits = limits_by_noise(*white_and_black, law, camera.sensor)
-    code_name, pictures = images.code(name)
-    decoder = Decoder(make_code(code_name, venue.table.projectors[name].size), limits)
-    light = dict[int, float]()
-    for number, counts in pictures:
-        decoder.add(number, counts)
-        light[number] = float(counts[images.radiometer.seen].mean(dtype=float))
-    decoded = decoder.result()
-    if decoded.refused:
-        raise CalibrationError(f"projector {name}: {decoded.refused[0]}")
-    covered = camera_masks(venue)[camera.name].covered
-    found = keep_only(decoded.map, ~covered)
-    lit = direct.seen & images.radiometer.seen & ~covered
-    check_decoded(images, name, found.valid | ~direct.dim, lit)
-    # masked pixels shine while the light is measured: only the geometry does without them
-    used = keep_only(found, ~projector_masks(venue)[name].at(found.projector_xy))
-    notes = odd_waves(light, images.plan.of(name, "code"), name)
-    return (
-        Decoded(found, direct),
-        gather_observations(used, venue.table.projectors[name].size),
-        notes,
-    )
 
 
 def _solved_screen(venue: Venue, geometry: GeometrySolution) -> Dome:

@@ -1,29 +1,20 @@
 """Measures a projector's direct light by a session's stripes, and checks that enough of it was decoded."""
 
-from dataclasses import dataclass
+from collections.abc import Iterator
 
 import numpy as np
 
 from procam.arrays import BoolArray
 from procam.errors import CalibrationError
 from procam.estimate.camera.noise import NoiseLaw, noise_from_pairs
-from procam.estimate.light.direct_light import DirectLight, find_direct_light
+from procam.estimate.light.direct_light import DirectLight, find_direct_light, stripe_contrast
 from procam.estimate.structured_light.limits import difference_sigma
-from procam.model.correspondence import CorrespondenceMap
 from procam.workflows.capture.session_images import Counts, SessionImages
 
 SAMPLES = 200_000  # of which a noise law is fitted
 LEAST_PIXELS = 200  # with direct light, of which a share is judged
 # of the pixels with direct light, that must be decoded; without a mistake 0.85 or more, the rest at borders
 LEAST_DECODED = 0.6
-
-
-@dataclass(frozen=True, slots=True)
-class Decoded:
-    """What one camera sees of a projector: its pixels' `map`, and where it is lit at all, by stripes."""
-
-    map: CorrespondenceMap
-    direct: DirectLight
 
 
 def stripe_light(
@@ -33,13 +24,19 @@ def stripe_light(
 
     `white`, `black` : (H, W) its counts, exposed alike.
     """
-    pairs, sensor = list(images.stripe_counts(name)), images.radiometer.camera.sensor
+    sensor, samples = images.radiometer.camera.sensor, list[Counts]()
     some = np.flatnonzero(images.radiometer.seen)
     some = some[:: max(1, some.size // SAMPLES)]
-    law = noise_from_pairs([np.ravel(c)[some] for c in (*pairs[0], *pairs[-1])], sensor)
+
+    def sampled() -> Iterator[tuple[Counts, Counts]]:
+        for pair in images.stripe_counts(name):
+            samples.extend(np.ravel(counts)[some] for counts in pair)
+            yield pair
+
     span = np.subtract(white, black, dtype=np.float32)
-    sigma = difference_sigma(white, black, law, sensor)
-    return law, find_direct_light(span, pairs, sigma)
+    contrast = stripe_contrast(span, sampled())
+    law = noise_from_pairs([*samples[:2], *samples[-2:]], sensor)
+    return law, find_direct_light(span, contrast, difference_sigma(white, black, law, sensor))
 
 
 def check_decoded(images: SessionImages, name: str, decoded: BoolArray, lit: BoolArray) -> None:

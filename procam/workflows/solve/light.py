@@ -5,63 +5,50 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from procam.arrays import BoolArray, Image
+from procam.arrays import Array, BoolArray, Image
 from procam.errors import OutOfModelRange
 from procam.estimate.calibration import ProjectorMeasurement
 from procam.estimate.camera.linearity import Linearity, linearity_error
 from procam.estimate.geometry.camera_view import DomeView
-from procam.estimate.geometry.lens_glints import lens_glints
 from procam.estimate.geometry.model import Pair
 from procam.estimate.geometry.solve import GeometrySolution
-from procam.estimate.light.direct_light import well_inside
 from procam.estimate.light.inpaint import fill_light, fill_picture, pixels_without_pattern
 from procam.estimate.light.projector_response import ProjectorResponseFit, fit_colour, tile_levels
 from procam.estimate.light.scatter_kernel import ScatterCells, ScatterSample
-from procam.estimate.light.separation import MAX_BLUR, OVERSHOOT, SeparatedLight, Separation
+from procam.estimate.light.separation import (
+    MAX_BLUR,
+    OVERSHOOT,
+    PictureFlux,
+    SeparatedLight,
+    Separation,
+)
+from procam.estimate.light.spots import hidden_notes
 from procam.estimate.light.stability import StabilityChecks
 from procam.estimate.media_server.dome_master import DomeMaster, lit_by_stripes
 from procam.estimate.media_server.local_response import Levels, fit_exponent, level_samples
-from procam.maths.codes.shot_id import CELLS_PER_MASTER, CELLS_PER_PANEL, shot_id_pixels
+from procam.maths.codes.shot_id import CELLS_PER_MASTER
 from procam.maths.warp import grow, sample
 from procam.model.mask import Mask
 from procam.model.plan import Shot
 from procam.model.screen import Dome
 from procam.workflows.capture.session_images import SessionImages
 from procam.workflows.solve.code_light import wave_notes
-from procam.workflows.solve.direct_light import Decoded, check_decoded
+from procam.workflows.solve.decode import Decoded
 from procam.workflows.solve.long_exposure import black_notes
 from procam.workflows.solve.mirrored import check_not_mirrored
+from procam.workflows.solve.sight import (
+    GREEN,
+    CameraSight,
+    black_light,
+    camera_sight,
+    check_saturation,
+    shot_id_mask,
+)
 
-GREEN = 1
 # departures from exponent 1: a tone curve, refused first; then what is refused if light held still
 # (drift of a percent between photographs makes 0.02)
 TONE_CURVE, NOT_LINEAR = 0.3, 0.05
 CERTAIN = 5.0  # sigmas
-SATURATED = 0.005  # of the screen: white paper on it, glints
-
-
-@dataclass(frozen=True, slots=True)
-class CameraSight:
-    """One projector as the main camera sees it.
-
-    Attributes
-    ----------
-    xy : (H, W, 2) panel pixel, NaN where there is none. panel : its pixels on the raster that stripes
-        and levels are drawn on, NaN also where they are hidden.
-    lit : (H, W) sees the projector's picture. maybe_lit : (H, W) may see it, or see a pixel of it in part.
-    unpatterned : (H, W) sees no pattern, because of a shot mark or a glint of the lens.
-    white, base : (H, W, 3) white less the base; black and room light at white's exposure.
-    shot_ids_share : share of the panel that its pictures' numbers take.
-    """
-
-    xy: Image
-    panel: Image
-    lit: BoolArray
-    maybe_lit: BoolArray
-    unpatterned: BoolArray
-    white: Image
-    base: Image
-    shot_ids_share: float
 
 
 def measure_light(
@@ -79,43 +66,17 @@ def measure_light(
     lens it sees no screen: these places are left out of every fit, and filled from around them at
     the end. What is masked on the panel shines here too, and counts until then.
     """
-    black, sight = camera_sight(dome, images, view, geometry, found, name)
+    sight = camera_sight(dome, images, view, geometry, found, name)
     check_not_mirrored(images, name, sight.panel, sight.lit, sight.white, sight.base)
     linearity = _linearity(images, name, sight)
     _check_linear(images, name, linearity, TONE_CURVE)
-    measurement, _ = _measured(images, view, name, black, sight)
+    measurement, _ = _measured(images, view, name, sight)
     _check_linear(images, name, linearity, NOT_LINEAR)  # if light held still, it is no drift
     sound = measurement.light.lit & ~sight.unpatterned
     waves = wave_notes(images, name, sight.xy, sound, sight.base, measurement)
-    measurement = replace(measurement, notes=[*measurement.notes, *waves])
+    hidden = hidden_notes(name, sight.white, sight.unknown, view)
+    measurement = replace(measurement, notes=[*measurement.notes, *waves, *hidden])
     return _without(measurement, masks[name].at(sight.xy))
-
-
-def camera_sight(
-    dome: Dome,
-    images: SessionImages,
-    view: DomeView,
-    geometry: GeometrySolution,
-    found: Mapping[Pair, Decoded],
-    name: str,
-) -> tuple[Image, CameraSight]:
-    """A projector's black (H, W, 3), and the projector as the camera sees it."""
-    black, base = _black(images, name)
-    glints = view.on_screen & lens_glints(geometry.rig, geometry.main, images.radiometer.rays)
-    white = images.light(images.only(name, "white")) - base
-    _check_saturation(white, view.on_screen & ~glints, name)
-    white = fill_picture(white, glints, view.on_screen)
-    xy = view.projector_pixels(geometry.projectors[name], dome)
-    shot_ids_share = _shot_id_mask(images, geometry, name, CELLS_PER_PANEL)
-    unpatterned = glints | pixels_without_pattern(shot_ids_share, xy)
-    panel = np.where(unpatterned[..., None], np.float32(np.nan), xy)
-    inside, seen = np.isfinite(xy[..., 0]), found[geometry.main, name]
-    shown = inside & seen.direct.seen
-    check_decoded(images, name, seen.map.valid | ~seen.direct.dim, shown & ~unpatterned)
-    lit = seen.map.valid | unpatterned | well_inside(shown)
-    maybe_lit = inside & ~seen.direct.absent
-    share = float(shot_ids_share.covered.mean())
-    return black, CameraSight(xy, panel, lit, maybe_lit, unpatterned, white, base, share)
 
 
 def measure_server_light(
@@ -131,19 +92,20 @@ def measure_server_light(
     The stripes determine what it lights, in the master's circle; the mask is of the master.
     """
     master, unused = server
-    black, base = _black(images, name)
+    base = black_light(images, name) + images.dark(name)[0]
     white = images.light(images.only(name, "white")) - base
-    _check_saturation(white, view.on_screen, name)
+    check_saturation(white, view.on_screen, name)
     xy = view.projector_pixels(geometry.projectors[name], dome)
     pairs = ((pattern, inverse) for *_, pattern, inverse in images.stripe_pairs(name))
     lit = lit_by_stripes(white, pairs) & master.inside(xy)
-    shot_ids_share = _shot_id_mask(images, geometry, name, CELLS_PER_MASTER)
+    shot_ids_share = shot_id_mask(images, geometry, name, CELLS_PER_MASTER)
     unpatterned = pixels_without_pattern(shot_ids_share, xy)
     panel = np.where(unpatterned[..., None], np.float32(np.nan), master.coarse_pixels(xy))
     lit |= unpatterned
     ids_share = float(shot_ids_share.covered.mean())
-    sight = CameraSight(xy, panel, lit, lit, unpatterned, white, base, ids_share)
-    found, levels = _measured(images, view, name, black, sight, master)
+    nowhere = np.zeros_like(lit)
+    sight = CameraSight(xy, panel, lit, lit, unpatterned, nowhere, white, base, ids_share)
+    found, levels = _measured(images, view, name, sight, master)
     samples = level_samples(levels, found.light.direct, found.colour.mix, xy, master.size)
     found = replace(found, exponent=fit_exponent(samples, found.response, master.size))
     return _without(found, unused.at(xy))
@@ -154,16 +116,6 @@ def _without(found: ProjectorMeasurement, masked: BoolArray) -> ProjectorMeasure
     light = found.light
     direct = np.where(masked[..., None], np.float32(0), light.direct)
     return replace(found, light=replace(light, direct=direct, lit=light.lit & ~masked))
-
-
-def _check_saturation(white: Image, on_screen: BoolArray, name: str) -> None:
-    """Refuse a white whose brightest part is not known: its scattered light is, so m would be too large."""
-    share = float(np.isnan(white[on_screen]).any(axis=-1).mean())
-    if share > SATURATED:
-        raise OutOfModelRange(
-            f"white of projector {name}: {share:.1%} of the screen is saturated, more than "
-            f"{SATURATED:.1%}; photograph with a shorter exposure_s"
-        )
 
 
 def _check_blur(blur: float, name: str) -> None:
@@ -185,61 +137,81 @@ def _sharpening_notes(overshoot: float, name: str) -> list[str]:
     ]
 
 
-def _black(images: SessionImages, name: str) -> tuple[Image, Image]:
-    """A projector's black (H, W, 3), and that with the room's light at the other shots' exposure."""
-    dark, dark_long = images.dark(name)
-    black = images.light(images.only(name, "black")) - dark_long
-    return black, black + dark
+@dataclass(frozen=True, slots=True)
+class _Separated:
+    """Light of white by its stripes; the flux of pictures, and what of the stripes is needed later."""
+
+    light: SeparatedLight
+    flux: PictureFlux
+    clear_px: int
+    overshoot: float
+
+
+def _separated(
+    images: SessionImages,
+    solid_sr: Array,
+    name: str,
+    sight: CameraSight,
+    checks: StabilityChecks | None,
+) -> _Separated:
+    """Split a projector's white by its stripes; `checks` take these too, unless a server draws them.
+
+    A server draws edges in greys, so that its stripes do not add up to white.
+    """
+    separation = Separation(sight.white, sight.panel, sight.lit, solid_sr, sight.maybe_lit)
+    for axis, bit, pattern, inverse in images.stripe_pairs(name):
+        pattern -= sight.base  # noqa: PLW2901
+        inverse -= sight.base  # noqa: PLW2901
+        separation.add_pair(axis, bit, pattern, inverse)
+        if checks:
+            checks.add(f"of stripes {axis} {bit}", [pattern, inverse], sight.shot_ids_share)
+        del pattern, inverse  # before the next are read
+    _check_blur(separation.blur, name)
+    clear_px = separation.clear_px
+    return _Separated(separation.result(), separation.flux, clear_px, separation.overshoot)
 
 
 def _measured(
     images: SessionImages,
     view: DomeView,
     name: str,
-    black: Image,
     sight: CameraSight,
     master: DomeMaster | None = None,
 ) -> tuple[ProjectorMeasurement, list[Levels]]:
-    """The light of white, split and fitted, and that of level pictures; `master` of a server."""
+    """The light of white, split and fitted; of a server, which plays `master`, that of level pictures too."""
     coarse, solid_sr = master.coarse if master else 1, view.solid_angle_sr
-    separation = Separation(sight.white, sight.panel, sight.lit, solid_sr, sight.maybe_lit)
+    noted = black_notes(images, name)
     checks = StabilityChecks(sight.white, view.on_screen & ~sight.unpatterned, images.step(name))
-    for axis, bit, pattern, inverse in images.stripe_pairs(name):
-        pattern, inverse = pattern - sight.base, inverse - sight.base  # noqa: PLW2901
-        separation.add_pair(axis, bit, pattern, inverse)
-        if master is None:  # a server draws edges in greys, which do not add up to white
-            checks.add(f"of stripes {axis} {bit}", [pattern, inverse], sight.shot_ids_share)
-    light = separation.result()
-    _check_blur(separation.blur, name)
+    separated = _separated(images, solid_sr, name, sight, None if master else checks)
+    light, flux = separated.light, separated.flux
 
     def direct_part(shot: Shot) -> Image:
-        picture = images.light(shot) - sight.base
-        share = separation.flux_share(picture).astype(np.float32)
-        return picture - share * light.scattered
+        picture = images.light(shot)
+        picture -= sight.base
+        picture -= flux.share(picture).astype(np.float32) * light.scattered
+        return picture
 
-    primaries = [direct_part(shot) for shot in images.plan.of(name, "primary")]
+    primaries = (direct_part(shot) for shot in images.plan.of(name, "primary"))
     sound = light.lit & ~sight.unpatterned
     colour = fit_colour(primaries, np.where(sound[..., None], light.direct, 0))
     fit, steps = ProjectorResponseFit(light.direct, colour.mix), list[Levels]()
     for shot in images.plan.of(name, "levels"):
         picture = images.session.pattern(shot)[::coarse, ::coarse]
-        steps.append((direct_part(shot), tile_levels(picture, sight.panel, light.lit)))
-        fit.add(*steps[-1])
+        step = direct_part(shot), tile_levels(picture, sight.panel, light.lit)
+        fit.add(*step)
+        if master:
+            steps.append(step)
     if sight.unpatterned.any():
-        on_screen = solid_sr > 0
         light = fill_light(light, sight.white, sight.unpatterned, solid_sr)
-        black = fill_picture(black, sight.unpatterned & on_screen, on_screen)
-    scatter_samples, zones = _scatter_samples(images, view, name, light, sight, separation.clear_px)
+    scatter_samples, zones = _scatter_samples(images, view, name, light, sight, separated.clear_px)
     checks.add("of parts of the panel", zones, 3 * sight.shot_ids_share)
     dim = images.dim() if master is None else None  # behind a server responses differ by place
     if dim and dim.projector == name:
         end = images.light(dim, len(dim.exposures_s) - 1) - sight.base
         checks.add_dimmed("at the end of the session", end)
-    notes = [
-        *black_notes(images, name),
-        *checks.notes(name),
-        *_sharpening_notes(separation.overshoot, name),
-    ]
+    on_screen = solid_sr > 0
+    black = fill_picture(black_light(images, name), sight.unpatterned & on_screen, on_screen)
+    notes = [*noted, *checks.notes(name), *_sharpening_notes(separated.overshoot, name)]
     found = ProjectorMeasurement(
         light, black, colour, fit.curve(), scatter_samples, notes=notes, moved_px=checks.shift_px
     )
@@ -286,15 +258,8 @@ def _scatter_samples(
         shown = sample(images.session.pattern(shot)[..., 0], sight.xy)
         met = (light.lit | sight.maybe_lit) & ((shown > 0) | sight.unpatterned)
         dark = view.on_screen & ~grow(met, clear_px)
-        picture = images.light(shot) - sight.base
+        picture = images.light(shot)
+        picture -= sight.base
         found.append(cells.scatter_sample(picture, dark, light.direct * shown[..., None]))
         total += picture
     return found, [total][: len(found) - 1]
-
-
-def _shot_id_mask(images: SessionImages, geometry: GeometrySolution, name: str, cells: int) -> Mask:
-    """Where a projector's pictures carried their numbers."""
-    width, height = geometry.projectors[name].size
-    if "number" not in images.only(name, "white").detail:
-        return Mask(name, np.zeros((height, width), bool))
-    return Mask(name, shot_id_pixels((width, height), cells))

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from procam.arrays import Image
 from procam.errors import OutOfModelRange
 from procam.estimate.camera.checks import exposure_ratio
 from procam.model.plan import Shot
@@ -89,19 +90,24 @@ def black_notes(images: SessionImages, name: str) -> list[str]:
 
 def _ratio(images: SessionImages, shot: Shot) -> tuple[float, float]:
     """True over stated ratio of the exposures of a picture, and its sigma; NaN if it does not show."""
-    long, usable, dark = LONG[shot.purpose], images.radiometer.seen, images.dark(shot.projector)
-    light = [images.light(shot, i)[..., GREEN] for i in (1 - long, long)]
-    counts = images.counts(shot, 1 - long)
-    cut = usable & (counts == 0)
+    long, usable = LONG[shot.purpose], images.radiometer.seen
+    dark = [_green(each) for each in images.dark(shot.projector)]
+    light = [_green(images.light(shot, i)) for i in (1 - long, long)]
+    cut = usable & (images.at_zero(shot, 1 - long) > 0)
     if cut.any():  # noise that is cut off at 0 counts as light
         usable = usable & (light[1] > np.nanpercentile(light[1][cut], CUT_PERCENT))
     short, longer = (
-        np.where(usable, x - d[..., GREEN], np.nan) for x, d in zip(light, dark, strict=True)
+        np.where(usable, x - d, np.float32(np.nan)) for x, d in zip(light, dark, strict=True)
     )
     full = images.radiometer.camera.sensor.full_scale
-    step = _step(counts) / (full * shot.exposures_s[1 - long])
+    step = _step(images.counts(shot, 1 - long)) / (full * shot.exposures_s[1 - long])
     ratio, sigma = exposure_ratio(short, longer, step)
     return ratio, float(np.hypot(sigma, ENCODED * images.were_encoded))
+
+
+def _green(light: Image) -> Image:
+    """Green light (H, W) on its own; a view would keep all of (H, W, 3)."""
+    return light[..., GREEN].copy()
 
 
 def _step(counts: Counts) -> int:

@@ -2,18 +2,20 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from itertools import groupby
+
+import numpy as np
 
 from procam.estimate.camera.near_veil import NearVeilFit
 from procam.estimate.geometry.camera_view import DomeView
 from procam.estimate.geometry.model import Pair
 from procam.estimate.geometry.solve import GeometrySolution
 from procam.estimate.light.separation import Separation
-from procam.model.optics import Sensor
+from procam.model.optics import ProjectorModel, Sensor
 from procam.model.screen import Dome
 from procam.workflows.capture.session_images import SessionImages
-from procam.workflows.solve.direct_light import Decoded
-from procam.workflows.solve.light import GREEN, camera_sight
+from procam.workflows.solve.decode import Decoded
+from procam.workflows.solve.side_by_side import side_by_side
+from procam.workflows.solve.sight import GREEN, CameraSight, camera_sight, sight_bytes
 
 MIN_PERIODS = 2  # of stripes over a panel: on fewer, light that a floor returns looks like a veil
 GLARE_SIGMAS = 2.0  # by which the veil may exceed the stated one
@@ -27,26 +29,41 @@ def with_near_veil(
     found: Mapping[Pair, Decoded],
 ) -> GeometrySolution:
     """The solved rig, whose main camera has the part of its veil that stays near its light."""
+
+    def measured(name: str) -> NearVeilFit:
+        sight = camera_sight(dome, images, view, geometry, found, name)
+        return _fitted(images, view, geometry.projectors[name], sight)
+
     fit = NearVeilFit(images.radiometer.seen)
-    for name, projector in geometry.projectors.items():
-        _, sight = camera_sight(dome, images, view, geometry, found, name)
-        separation = Separation(
-            sight.white, sight.panel, sight.lit, view.solid_angle_sr, sight.maybe_lit
-        )
-        for axis, pairs in groupby(images.stripe_pairs(name), key=lambda pair: pair[0]):
-            for _, bit, *pair in pairs:
-                pictures = [picture - sight.base for picture in pair]
-                where = separation.add_pair(axis, bit, *pictures)
-                if projector.size[axis == "y"] < MIN_PERIODS * 2 ** (bit + 1):
-                    continue
-                for picture, dark in zip(pictures, where, strict=True):
-                    share = float(separation.flux_share(picture)[GREEN])
-                    fit.add(picture[..., GREEN], dark, share)
-            fit.end_group()
+    for _, one in side_by_side(measured, geometry.projectors, sight_bytes(view)):
+        fit.extend(one)
     camera = geometry.camera
     sensor = _with_veil(camera.sensor, fit.result())
     cameras = {**geometry.rig.cameras, camera.name: replace(camera, sensor=sensor)}
     return replace(geometry, rig=replace(geometry.rig, cameras=cameras))
+
+
+def _fitted(
+    images: SessionImages, view: DomeView, projector: ProjectorModel, sight: CameraSight
+) -> NearVeilFit:
+    """The veil of one projector's stripes, a group for each axis."""
+    fit = NearVeilFit(images.radiometer.seen)
+    separation = Separation(
+        sight.white, sight.panel, sight.lit, view.solid_angle_sr, sight.maybe_lit
+    )
+    axis_before = ""
+    for axis, bit, *pair in images.stripe_pairs(projector.name):
+        if axis_before not in ("", axis):
+            fit.end_group()
+        axis_before = axis
+        pictures = [np.subtract(picture, sight.base, out=picture) for picture in pair]
+        where = separation.add_pair(axis, bit, *pictures)
+        if projector.size[axis == "y"] >= MIN_PERIODS * 2 ** (bit + 1):
+            for picture, dark in zip(pictures, where, strict=True):
+                fit.add(picture[..., GREEN], dark, float(separation.flux.share(picture)[GREEN]))
+        del pair, pictures  # before the next are read
+    fit.end_group()
+    return fit
 
 
 def _with_veil(sensor: Sensor, parts: list[tuple[float, float]]) -> Sensor:

@@ -9,7 +9,7 @@ from procam.errors import CalibrationError
 from procam.estimate.geometry.camera_view import DomeView
 from procam.estimate.geometry.model import Pair
 from procam.model.calibration import Calibration
-from procam.workflows.solve.direct_light import Decoded
+from procam.workflows.solve.decode import Decoded
 
 # of a projector's decoded pixels: beyond it is noted and refused; some overshoot the rim on purpose
 MUCH_BEYOND, MOST_BEYOND = 0.005, 0.2
@@ -29,10 +29,9 @@ def check_on_screen(view: DomeView, found: Mapping[Pair, Decoded]) -> list[str]:
     """
     notes = []
     for (camera, projector), decoded in found.items():
-        seen = decoded.map
-        if camera != view.camera.name or not seen.valid.any():
+        if camera != view.camera.name or not decoded.valid.any():
             continue
-        beyond = float(np.mean(~view.on_screen[seen.valid]))
+        beyond = float(np.mean(~view.on_screen[decoded.valid]))
         if beyond > MOST_BEYOND:
             raise CalibrationError(
                 f"{beyond:.0%} of the picture of {projector} would lie beyond the dome's rim. Check that no "

@@ -1,6 +1,6 @@
 """Black of a rig whose projectors procam cannot make dark: estimated, noted, and with its error."""
 
-from collections.abc import Mapping
+from collections.abc import MutableMapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,9 +18,8 @@ LIT = 0.99  # coverage
 
 @dataclass(frozen=True, slots=True)
 class BlackLight:
-    """Measurements with their blacks, the names of projectors that are never dark, and the fit for these."""
+    """Names of projectors that are never dark, and the fit of their blacks."""
 
-    measured: Mapping[str, ProjectorMeasurement]
     names: tuple[str, ...] = ()
     fit: SharedBlack | None = None
 
@@ -61,18 +60,20 @@ def with_shared_black(
     venue: Venue,
     images: SessionImages,
     view: DomeView,
-    measured: Mapping[str, ProjectorMeasurement],
+    measured: MutableMapping[str, ProjectorMeasurement],
     projector: str = "",
 ) -> BlackLight:
-    """Measurements whose blacks are estimated where the photographs of the dark hold them.
+    """Estimate the blacks of measurements where the photographs of the dark hold them, and put them in.
 
     By the dark of the session, or of when a projector was photographed again.
     """
     names = never_dark(venue)
     if not names:
-        return BlackLight(measured)
+        return BlackLight()
     _, dark = images.dark(projector)
     lights = {name: measured[name].light for name in names}
     fit = fit_shared_black(dark, lights, view.direction, view.on_screen)
-    shared = {name: replace(measured[name], black=black) for name, black in fit.black.items()}
-    return BlackLight({**measured, **shared}, names, fit)
+    for name in names:
+        black = fit.black(name, measured[name].light)
+        measured[name] = replace(measured[name], black=black)
+    return BlackLight(names, fit)

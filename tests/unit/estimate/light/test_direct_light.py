@@ -3,7 +3,12 @@
 import numpy as np
 import pytest
 
-from procam.estimate.light.direct_light import DirectLight, find_direct_light, well_inside
+from procam.estimate.light.direct_light import (
+    DirectLight,
+    find_direct_light,
+    stripe_contrast,
+    well_inside,
+)
 from procam.maths.codes.gray import is_bright
 
 SHAPE = (60, 240)
@@ -21,7 +26,8 @@ def found(direct: float, sigma: float, dark_part: float = 0.0) -> DirectLight:
         shown = [panel * on + SCATTERED * on[:120].mean() for on in (bright, ~bright)]
         pairs.append(tuple(np.tile(s, (SHAPE[0], 1)) + rng.normal(0, sigma, SHAPE) for s in shown))
     span = np.tile(panel + SCATTERED, (SHAPE[0], 1)).astype(np.float32)
-    return find_direct_light(span, pairs, np.full(SHAPE, np.sqrt(2) * sigma, np.float32))
+    noise = np.full(SHAPE, np.sqrt(2) * sigma, np.float32)
+    return find_direct_light(span, stripe_contrast(span, pairs), noise)
 
 
 class TestFindDirectLight:

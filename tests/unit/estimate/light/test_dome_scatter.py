@@ -9,8 +9,9 @@ from traced_rooms import DIRECTION, INSIDE, TracedRoom, Where, parts
 from procam.errors import OutOfModelRange
 from procam.estimate.geometry.camera_view import DomeView
 from procam.estimate.light.dome_scatter import DomeScatter, measure_scatter
+from procam.estimate.light.feedback import estimate_albedo
 from procam.estimate.light.scatter_kernel import CELLS
-from procam.estimate.light.separation import SeparatedLight, estimate_albedo
+from procam.estimate.light.separation import SeparatedLight
 from procam.maths.geometry.lenses import Lens
 from procam.maths.geometry.sphere import master_solid_angles
 from procam.model.optics import CameraModel, Sensor
@@ -34,9 +35,7 @@ def light_of(room: TracedRoom, lit: Where) -> SeparatedLight:
     """Light of a projector that makes one place as bright as another."""
     direct = (LIT.ravel() & lit(DIRECTION)).reshape(SHAPE).astype(np.float32)
     scattered = (room.scattered(lit) * INSIDE).reshape(SHAPE)
-    return SeparatedLight(
-        direct, scattered, direct, np.tensordot(SOLID_SR, direct, 2), direct[..., 0] > 0
-    )
+    return SeparatedLight(direct, scattered, np.tensordot(SOLID_SR, direct, 2), direct[..., 0] > 0)
 
 
 def measured(

@@ -6,15 +6,17 @@ import numpy as np
 import pytest
 from tolerances import FLOAT32
 
+from procam.estimate.light.feedback import (
+    estimate_albedo,
+    estimate_feedback,
+    estimate_scatter_per_flux,
+)
 from procam.estimate.light.separation import (
     CLEAR_CAMERA_PX,
     MAX_BLUR,
     OVERSHOOT,
     SeparatedLight,
     Separation,
-    estimate_albedo,
-    estimate_feedback,
-    estimate_scatter_per_flux,
 )
 from procam.estimate.structured_light.patterns import SEPARATION_BITS
 from procam.maths.codes.gray import stripe, stripe_edge_distance
@@ -259,9 +261,9 @@ class TestSeparation:
         np.testing.assert_allclose(total, scene.white()[inner], rtol=FLOAT32)
 
     def test_extended_goes_on_beyond_the_border(self, scene: Scene, light: SeparatedLight) -> None:
-        assert not scene.lit[160, 58] and light.extended[160, 58].min() > 0.5
-        middle = (160, 160)
-        np.testing.assert_array_equal(light.extended[middle], light.direct[middle])
+        extended, middle = light.extended(), (160, 160)
+        assert not scene.lit[160, 58] and extended[160, 58].min() > 0.5
+        np.testing.assert_array_equal(extended[middle], light.direct[middle])
 
     def test_nothing_off_the_screen(self, scene: Scene, light: SeparatedLight) -> None:
         assert not light.direct[~scene.on_screen].any()
@@ -269,7 +271,7 @@ class TestSeparation:
 
     def test_shares_of_flux_are_shares_of_totals(self, scene: Scene) -> None:
         separation = Separation(scene.white(), scene.xy, scene.lit, scene.solid)
-        share = separation.flux_share(scene.picture(np.full((SIZE, SIZE), 0.37)))
+        share = separation.flux.share(scene.picture(np.full((SIZE, SIZE), 0.37)))
         # two float32 sums over some 100 000 pixels
         np.testing.assert_allclose(share, 0.37, rtol=10 * FLOAT32)
 
@@ -285,12 +287,10 @@ class TestSeparation:
         found = separation.result()
         far = np.ones((SIZE, SIZE), bool)
         far[150 - 2 * CLEAR_CAMERA_PX : 150 + 2 * CLEAR_CAMERA_PX, 160 - 12 : 160 + 12] = False
-        for field in ("direct", "scattered", "extended"):
-            values = getattr(found, field)
-            assert np.isfinite(values[far]).all(), field
-            np.testing.assert_allclose(
-                values[far], getattr(light, field)[far], rtol=1e-3, atol=1e-5
-            )
+        parts = [(each.direct, each.scattered, each.extended()) for each in (found, light)]
+        for values, right in zip(*parts, strict=True):
+            assert np.isfinite(values[far]).all()
+            np.testing.assert_allclose(values[far], right[far], rtol=1e-3, atol=1e-5)
         assert np.isfinite(found.flux).all()
 
 
@@ -319,9 +319,7 @@ class TestTogether:
     def test_disagreement_of_projectors_widens_the_error(
         self, scene: Scene, light: SeparatedLight
     ) -> None:
-        other = SeparatedLight(
-            light.direct, 1.1 * light.scattered, light.extended, light.flux, light.lit
-        )
+        other = SeparatedLight(light.direct, 1.1 * light.scattered, light.flux, light.lit)
         lit_sr = np.where(scene.inner, scene.solid, 0)
         found = measured_feedback(scene, [light, other], lit_sr, 0.0, 0.0)
         single = measured_feedback(scene, [light, light], lit_sr, 0.0, 0.0).value

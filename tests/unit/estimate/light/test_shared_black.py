@@ -21,7 +21,7 @@ def pictures() -> dict[str, SeparatedLight]:
         direct = np.where(inside, falloff, 0)[..., None] * np.array([1.0, 0.9, 0.8])
         scattered = np.full_like(direct, 0.15)
         image, veil = direct.astype(np.float32), scattered.astype(np.float32)
-        lights[name] = SeparatedLight(image, veil, image, np.ones(3), inside)
+        lights[name] = SeparatedLight(image, veil, np.ones(3), inside)
     return lights
 
 
@@ -56,7 +56,7 @@ def test_the_sum_is_within_its_error(uniform: bool, room: float) -> None:
 def test_one_picture_that_covers_all_is_not_separated_from_the_room() -> None:
     everywhere = np.ones((SIZE, SIZE), bool)
     image = np.ones((SIZE, SIZE, 3), np.float32)
-    light = SeparatedLight(image, 0 * image, image, np.ones(3), everywhere)
+    light = SeparatedLight(image, 0 * image, np.ones(3), everywhere)
     direction, inside = master_directions(SIZE)
     found = fit_shared_black(2e-3 * image, {"south": light}, direction.astype(np.float32), inside)
     assert np.all(found.sigma > 0.3 * found.total)

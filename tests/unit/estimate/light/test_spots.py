@@ -9,7 +9,7 @@ import pytest
 
 from procam.estimate.geometry.camera_view import DomeView
 from procam.estimate.light.edge_blend import edge_blend_notes
-from procam.estimate.light.spots import spot_notes
+from procam.estimate.light.spots import hidden_notes, spot_notes
 
 SIZE = 200
 
@@ -59,6 +59,26 @@ def test_the_rim_and_a_grain_are_no_spots(rng: np.random.Generator) -> None:
     assert spot_notes(light, seen) == []
     nothing = replace(seen, on_screen=np.zeros_like(seen.on_screen))
     assert spot_notes(light, nothing) == []
+
+
+class TestHidden:
+    """A person in a projector's picture, whose place shows a hundredth of its light."""
+
+    @staticmethod
+    def notes(size: int, light: float) -> list[str]:
+        hidden = np.zeros((SIZE, SIZE), bool)
+        hidden[100 : 100 + size, 80 : 80 + size] = True
+        white = np.ones((SIZE, SIZE, 3), np.float32)
+        white[hidden] = light
+        return hidden_notes("south", white, hidden, view())
+
+    def test_a_person_is_named_with_the_place(self) -> None:
+        (note,) = self.notes(15, 0.01)
+        assert note.startswith("projector south: 0.2% of the screen is too dark within its picture")
+        assert "near pixel (87, 107) of camera zenith: something stood" in note
+
+    def test_a_grain_and_a_corner_that_fades_are_none(self) -> None:
+        assert self.notes(8, 0.01) == [] and self.notes(15, 0.5) == []
 
 
 def projector(

@@ -1,0 +1,30 @@
+"""How much memory a solve takes, before it is begun."""
+
+from collections.abc import Iterable
+
+from procam.estimate.camera.binning import Binning
+from procam.model.optics import CameraModel
+from procam.workflows.solve.decode import decode_bytes
+from procam.workflows.solve.side_by_side import workers
+from procam.workflows.solve.sight import BYTES_PER_PIXEL
+
+PROGRAM, VIEW = (
+    0.4e9,
+    75.0,
+)  # bytes of the program and its libraries; of each pixel of light, at all times
+
+
+def solve_bytes(cameras: Iterable[CameraModel]) -> float:
+    """Largest memory of a solve [byte], whatever the number of projectors (benchmarks/memory.md)."""
+    return PROGRAM + max(max(_decoding(camera), _light(camera)) for camera in cameras)
+
+
+def _decoding(camera: CameraModel) -> float:
+    each = decode_bytes(camera)
+    return workers(each) * each
+
+
+def _light(camera: CameraModel) -> float:
+    width, height = Binning.of(camera).size
+    each = BYTES_PER_PIXEL * width * height
+    return workers(each) * each + VIEW * width * height
