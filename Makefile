@@ -6,7 +6,7 @@ READY := .venv/.ready
 OUT ?= demo-run
 JOBS ?= 2
 
-.PHONY: demo test check docs bench studies mutate lock clean
+.PHONY: demo test test-all quick check docs bench studies mutate lock clean
 .DEFAULT_GOAL := demo
 
 $(READY): requirements.lock pyproject.toml $(wildcard procam/kernels/*/*.[ch])
@@ -21,8 +21,18 @@ demo: $(READY)
 
 # each process of the tests has a core of its own: threads that wait for another's core made it 17 minutes.
 # bytecode is kept whatever the environment says: without it each command that a test starts compiles procam
+ALONE := OPENBLAS_NUM_THREADS=1 OMP_WAIT_POLICY=passive PYTHONDONTWRITEBYTECODE=
+PYTEST = $(ALONE) $(BIN)/python -m pytest -n $(JOBS) --dist worksteal
+
+# all but what takes long and rarely fails (LONG in tests/conftest.py)
 test: $(READY)
-	OPENBLAS_NUM_THREADS=1 OMP_WAIT_POLICY=passive PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n $(JOBS) --dist worksteal $(PYTEST_FLAGS)
+	$(PYTEST) -m "not long" $(PYTEST_FLAGS)
+
+test-all: $(READY)
+	$(PYTEST) $(PYTEST_FLAGS)
+
+quick: $(READY)
+	$(ALONE) $(BIN)/python tests/quick.py
 
 check: $(READY)
 	$(BIN)/ruff check .

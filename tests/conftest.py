@@ -36,19 +36,28 @@ settings.register_profile(
 settings.load_profile("repeatable")
 
 
-LONGEST = (
-    "test_crash",
-    "mistakes_small",
-    "photometry_small",
-    "foreign_dome_small",
-    "howto_commands",
-    "kernels_build",
+# test modules of minutes in all that rarely fail alone: small studies, builds for other processors, processes
+# that are killed, commands of documents, fits on many samples
+LONG = frozenset(
+    f"test_{name}"
+    for name in """
+    acceptance audience behaviour camera cli_bundle cli_camera cli_chunks cli_external cli_pair
+    cli_response content_small crash dataset_small diagnosis direction_samples doctor drifts_small
+    floor_albedo foreign_codes_small foreign_dome_small full_disk_commands fuzz howto_commands
+    kernels_build kernels_frame light_refusals mistakes_small mutations notebooks other_seat
+    own_devices page photometry_small physics_foreign_boards physics_forms planar_pair
+    precision_small predecessor preference recalibrate response rooms_small rounds set_checks
+    shot_id solve solve_lens unattended unattended_runs
+    """.split()
 )
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Run the longest tests first, so that workers finish together."""
-    items.sort(key=lambda item: not any(name in item.nodeid for name in LONGEST))
+    """Mark the long tests, and run them first, so that workers finish together."""
+    for item in items:
+        if item.path.stem in LONG:
+            item.add_marker("long")
+    items.sort(key=lambda item: item.get_closest_marker("long") is None)
 
 
 @pytest.fixture(autouse=True)

@@ -5,12 +5,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from procam.arrays import Image
+from procam.estimate.camera.binning import Binning
 from procam.estimate.camera.radiance import Radiometer
 from procam.estimate.geometry.camera_view import DomeView
 from procam.files.venue.load import Venue
 from procam.files.venue.masks import MASTER_SIZE, camera_masks, screen_mask
 from procam.maths.geometry.sphere import master_pixels
 from procam.model.calibration import Calibration
+from procam.model.optics import CameraModel
 from procam.model.screen import Dome
 
 
@@ -32,7 +34,7 @@ class MainCamera:
     @classmethod
     def of(cls, venue: Venue, calibration: Calibration) -> "MainCamera":
         """The main camera of a venue's calibration."""
-        radiometer = Radiometer(calibration.camera)
+        radiometer = light_radiometer(calibration.camera)
         view = screen_view(venue, calibration.screen, radiometer)
         return cls(radiometer, view, calibration.content_from_camera.astype(np.float32))
 
@@ -44,6 +46,11 @@ class MainCamera:
     def content(self, radiance: Image) -> Image:
         """Content light (H, W, 3) of radiance (H, W, 3)."""
         return np.asarray(radiance @ self.content_matrix.T)
+
+
+def light_radiometer(camera: CameraModel, stated: CameraModel | None = None) -> Radiometer:
+    """Of a camera that measures light; pixels of a large one are joined, as those of its `stated` model."""
+    return Radiometer(camera, Binning.of(stated or camera))
 
 
 def screen_view(venue: Venue, dome: Dome, radiometer: Radiometer) -> DomeView:

@@ -8,7 +8,6 @@ import numpy as np
 
 from procam.arrays import Array
 from procam.estimate.calibration import ProjectorMeasurement
-from procam.estimate.camera.binning import Binning
 from procam.estimate.camera.radiance import Radiometer
 from procam.estimate.geometry.camera_view import DomeView
 from procam.estimate.geometry.known_rig import solve_projectors
@@ -21,7 +20,7 @@ from procam.files.venue.load import Venue
 from procam.files.venue.masks import nudges, projector_masks
 from procam.model.calibration import Calibration
 from procam.workflows.capture.session_images import SessionImages
-from procam.workflows.main_camera import screen_view
+from procam.workflows.main_camera import light_radiometer, screen_view
 from procam.workflows.solve.decode import Decoded, decode_projector
 from procam.workflows.solve.geometry import rig_problem
 from procam.workflows.solve.light import measure_light
@@ -76,8 +75,7 @@ class _Measured:
 
 def _measured(venue: Venue, session: Session, calibration: Calibration, name: str) -> _Measured:
     """A projector by the camera that the calibration's light was measured with, where it stands."""
-    camera = calibration.camera
-    radiometer = Radiometer(camera, Binning.of(camera))
+    radiometer = light_radiometer(calibration.camera)
     images, notes = with_long_exposure(SessionImages(session, session.read_plan(), radiometer))
     found, geometry, decoded = _placed(venue, images, calibration, name)
     view = screen_view(venue, calibration.screen, radiometer)

@@ -5,7 +5,6 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 
 from procam.estimate.calibration import assemble
-from procam.estimate.camera.binning import Binning
 from procam.estimate.camera.radiance import Radiometer
 from procam.estimate.geometry.apriltags import TagObservations
 from procam.estimate.geometry.model import Observations, Pair
@@ -29,7 +28,7 @@ from procam.workflows.capture.decoded import with_decoded_bits
 from procam.workflows.capture.session_images import SessionImages
 from procam.workflows.capture.session_plan import plan_of, server_of
 from procam.workflows.events import Event
-from procam.workflows.main_camera import screen_view
+from procam.workflows.main_camera import light_radiometer, screen_view
 from procam.workflows.solve.apriltags import detect_tags, tag_marks, tag_notes
 from procam.workflows.solve.decode import Decoded, decode_bytes, decode_projector
 from procam.workflows.solve.geometry import rig_problem, solve_rig
@@ -111,7 +110,9 @@ def _solve(venue: Venue, session: Session) -> Iterator[Event]:
         mask = projector_masks(venue)[server.name]
         work = partial(measure_server_light, dome, images, view, geometry, (server, mask))
     with MeasurementsOnDisk(venue.directory) as measured:
-        for i, (name, measured[name]) in enumerate(side_by_side(work, names, sight_bytes(view))):
+        for i, (name, measured[name]) in enumerate(
+            side_by_side(work, names, sight_bytes(geometry.camera))
+        ):
             done = total - len(names) - 1 + i
             yield Event("solve", done, total, f"{name} light split, response fitted")
         falloff = venue.table.blend.falloff_per_rad
@@ -199,7 +200,7 @@ def _of_main(venue: Venue, rig: _SolvedRig) -> SessionImages:
     """
     images, camera = rig.images, rig.geometry.camera
     stated = venue.cameras[camera.name]  # as its pixels were joined when it was decoded
-    return replace(images, radiometer=Radiometer(camera, Binning.of(stated)))
+    return replace(images, radiometer=light_radiometer(camera, stated))
 
 
 def _with_glare(images: SessionImages, geometry: GeometrySolution) -> SessionImages:

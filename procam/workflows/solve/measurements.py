@@ -33,6 +33,7 @@ class MeasurementsOnDisk(MutableMapping[str, ProjectorMeasurement]):
     """
 
     def __init__(self, folder: Path) -> None:
+        self._folder = folder
         self._file = TemporaryFile(dir=folder)
         self._kept: dict[str, _Kept] = {}
 
@@ -70,7 +71,10 @@ class MeasurementsOnDisk(MutableMapping[str, ProjectorMeasurement]):
 
     def _written(self, picture: Image) -> int:
         """Append a picture (H, W, 3) to the file; where it starts."""
-        start = self._file.seek(0, 2)
-        self._file.write(np.ascontiguousarray(picture, np.float32).data)
-        self._file.flush()
+        try:
+            start = self._file.seek(0, 2)
+            self._file.write(np.ascontiguousarray(picture, np.float32).data)
+            self._file.flush()
+        except OSError as error:  # the file has no name that a message could have
+            raise OSError(error.errno, error.strerror, str(self._folder)) from error
         return start

@@ -6,12 +6,10 @@ from procam.estimate.camera.binning import Binning
 from procam.model.optics import CameraModel
 from procam.workflows.solve.decode import decode_bytes
 from procam.workflows.solve.side_by_side import workers
-from procam.workflows.solve.sight import BYTES_PER_PIXEL
+from procam.workflows.solve.sight import sight_bytes
 
-PROGRAM, VIEW = (
-    0.4e9,
-    75.0,
-)  # bytes of the program and its libraries; of each pixel of light, at all times
+PROGRAM = 0.6e9  # bytes of the program and its libraries
+VIEW = 75.0  # bytes of each pixel of light, at all times
 
 
 def solve_bytes(cameras: Iterable[CameraModel]) -> float:
@@ -26,5 +24,5 @@ def _decoding(camera: CameraModel) -> float:
 
 def _light(camera: CameraModel) -> float:
     width, height = Binning.of(camera).size
-    each = BYTES_PER_PIXEL * width * height
+    each = sight_bytes(camera)
     return workers(each) * each + VIEW * width * height

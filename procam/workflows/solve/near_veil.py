@@ -35,7 +35,7 @@ def with_near_veil(
         return _fitted(images, view, geometry.projectors[name], sight)
 
     fit = NearVeilFit(images.radiometer.seen)
-    for _, one in side_by_side(measured, geometry.projectors, sight_bytes(view)):
+    for _, one in side_by_side(measured, geometry.projectors, sight_bytes(geometry.camera)):
         fit.extend(one)
     camera = geometry.camera
     sensor = _with_veil(camera.sensor, fit.result())

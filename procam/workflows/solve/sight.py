@@ -7,6 +7,7 @@ import numpy as np
 
 from procam.arrays import BoolArray, Image
 from procam.errors import OutOfModelRange
+from procam.estimate.camera.binning import Binning
 from procam.estimate.geometry.camera_view import DomeView
 from procam.estimate.geometry.lens_glints import lens_glints
 from procam.estimate.geometry.model import Pair
@@ -15,13 +16,14 @@ from procam.estimate.light.direct_light import well_inside
 from procam.estimate.light.inpaint import fill_picture, pixels_without_pattern
 from procam.maths.codes.shot_id import CELLS_PER_PANEL, shot_id_pixels
 from procam.model.mask import Mask
+from procam.model.optics import CameraModel
 from procam.model.screen import Dome
 from procam.workflows.capture.session_images import SessionImages
 from procam.workflows.solve.decode import Decoded
 from procam.workflows.solve.direct_light import check_decoded
 
 GREEN = 1
-BYTES_PER_PIXEL = 250
+BYTES_PER_PIXEL, BYTES_OF_PHOTOGRAPH = 200, 14  # of the light, and of a photograph while it is read
 SATURATED = 0.005  # of the screen: white paper on it, glints
 
 
@@ -51,9 +53,10 @@ class CameraSight:
     shot_ids_share: float
 
 
-def sight_bytes(view: DomeView) -> float:
-    """Memory that measuring a projector's light takes [byte]."""
-    return float(BYTES_PER_PIXEL * view.on_screen.size)
+def sight_bytes(camera: CameraModel) -> float:
+    """Memory that measuring a projector's light takes with a camera [byte]."""
+    pixels, photographed = (float(np.prod(size)) for size in (Binning.of(camera).size, camera.size))
+    return BYTES_PER_PIXEL * pixels + BYTES_OF_PHOTOGRAPH * photographed
 
 
 def camera_sight(
