@@ -145,7 +145,7 @@ class TestMemory:
         small, large, largest = (
             solve_bytes([camera(size)]) / 1e9 for size in ((1600, 1600), (6000, 4000), (9000, 6000))
         )
-        assert 1.5 < small < 2.0 < large < 3.2 and large < largest < 6.0
+        assert 2.0 < small < large < 3.2 and large < largest < 6.0
 
     def test_it_is_said(self, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
         venue = _by_hand(tmp_path)

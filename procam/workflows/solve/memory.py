@@ -8,7 +8,7 @@ from procam.workflows.solve.decode import decode_bytes
 from procam.workflows.solve.side_by_side import workers
 from procam.workflows.solve.sight import sight_bytes
 
-PROGRAM = 0.6e9  # bytes of the program and its libraries
+PROGRAM = 0.7e9  # bytes of the program and its libraries
 VIEW = 75.0  # bytes of each pixel of light, at all times
 
 

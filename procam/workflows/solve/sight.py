@@ -23,7 +23,7 @@ from procam.workflows.solve.decode import Decoded
 from procam.workflows.solve.direct_light import check_decoded
 
 GREEN = 1
-BYTES_PER_PIXEL, BYTES_OF_PHOTOGRAPH = 200, 14  # of the light, and of a photograph while it is read
+BYTES_PER_PIXEL, BYTES_OF_PHOTOGRAPH = 270, 14  # of the light, and of a photograph while it is read
 SATURATED = 0.005  # of the screen: white paper on it, glints
 
 
