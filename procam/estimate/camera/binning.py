@@ -13,7 +13,7 @@ from procam.arrays import AnyArray, BoolArray, Image
 from procam.model.optics import CameraModel
 
 MOST_PIXELS = 6e6  # of a picture of light: finer than projectors of 1920 x 1200 by six on a dome
-BESIDE = 0.05  # of the circle's diameter, kept beside it: the lens is solved later
+BESIDE = 0.15  # of the circle's diameter, kept beside it: where a stated lens has it is a guess
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""How much memory a solve takes, before it is begun."""
+"""How much memory a solve will take."""
 
 from collections.abc import Iterable
 

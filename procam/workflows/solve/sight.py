@@ -37,7 +37,7 @@ class CameraSight:
         and levels are drawn on, NaN also where they are hidden.
     lit : (H, W) sees the projector's picture. maybe_lit : (H, W) may see it, or see a pixel of it in part.
     unpatterned : (H, W) sees no pattern, because of a shot mark or a glint of the lens.
-    unknown : (H, W) should see it, and is too dark for that to be told.
+    unknown : (H, W) should see it, and is too dark to decide whether it does.
     white, base : (H, W, 3) white less the base; black and room light at white's exposure.
     shot_ids_share : share of the panel that its pictures' numbers take.
     """

@@ -36,14 +36,15 @@ class TestWhichPixels:
         found = Binning.of(camera(size))
         width, height = found.size
         assert found.factor == factor and width * height <= MOST_PIXELS
-        assert height == size[1] // factor and 1 <= width / height < 1.06
+        assert height == size[1] // factor and 1 <= width / height < 1.16
 
     def test_the_circle_is_in_it_wherever_it_is(self) -> None:
         off = camera((6000, 4000))
         off = replace(off, lens=replace(off.lens, centre=np.array([3700.0, 2000.0])))
         found = Binning.of(off)
         left, right = found.origin[0], found.origin[0] + found.factor * found.size[0]
-        assert left < 3700 - 2000 and right > min(6000, 3700 + 2000) - found.factor
+        # a stated centre may be 250 px off
+        assert left < 3700 - 2250 and right > min(6000, 3700 + 2250) - found.factor
 
     def test_a_pinhole_has_no_circle(self) -> None:
         assert Binning.of(camera((3840, 2160), "brown")) == Binning(2, (0, 0), (1920, 1080))
