@@ -1,4 +1,4 @@
-"""Largest memory and time of `procam solve`, by the size of the camera and the number of projectors.
+"""Largest memory and time of `procam session solve`, by the size of the camera and the number of projectors.
 
 `python -m benchmarks.memory FOLDER` captures simulated sessions of all `SIZES` into FOLDER, which takes 30 GB
 there, solves each in a process of its own and writes memory.md; an hour. Sessions that are there are
@@ -56,7 +56,7 @@ def bench() -> Report:
     goal = Goal("largest memory of a solve", used_gb, "<=", size.most_gb, "GB")
     return Report(
         f"Solve of {size.projectors} projectors of {PANEL[0]} x {PANEL[1]}, camera of {megapixels:.1f} Mpx",
-        {"procam solve": Times(0.0, wall_s, wall_s, 1)},
+        {"procam session solve": Times(0.0, wall_s, wall_s, 1)},
         (goal,),
     )
 
@@ -80,13 +80,15 @@ def measured(size: Size, directory: Path) -> tuple[float, float]:
     """Largest resident memory [GB] and wall time [s] of a solve in a process of its own."""
     start = time.perf_counter()
     session = str(directory / "sessions" / "0001")
-    command = [sys.executable, "-c", PROCAM, "solve", session, "--json"]
+    command = [sys.executable, "-c", PROCAM, "session", "solve", session, "--json"]
     with Path(os.devnull).open("wb") as nothing:
         quiet = [(os.POSIX_SPAWN_DUP2, nothing.fileno(), stream) for stream in (1, 2)]
         process = os.posix_spawn(sys.executable, command, os.environ, file_actions=quiet)
     _, status, usage = os.wait4(process, 0)
     if os.waitstatus_to_exitcode(status):
-        raise RuntimeError(f"procam solve of {size.name} failed; run it by hand on {directory}")
+        raise RuntimeError(
+            f"procam session solve of {size.name} failed; run it by hand on {directory}"
+        )
     return usage.ru_maxrss * 1024 / 1e9, time.perf_counter() - start
 
 

@@ -45,7 +45,7 @@ RUNS: dict[
     "--help": ((PROCAM, "--help"), 0),
     "compensate, 1024^2": ((PROCAM, *PIPE, "1024"), 1024),
     "compensate, 4096^2": ((PROCAM, *PIPE, "4096"), 4096),
-    "history of 1000 runs": ((PROCAM, "history", "venue"), 0),
+    "history of 1000 runs": ((PROCAM, "venue", "status", "venue"), 0),
 }
 
 

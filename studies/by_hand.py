@@ -104,7 +104,7 @@ def play(folder: Path) -> tuple[People, dict[str, object]]:
     lines = simulated.partition("[simulated]")[0].splitlines()
     own = "\n".join(line for line in lines if not line.startswith(NOT_OURS)) + "\n"
     (folder / "my-dome" / "venue.toml").write_text(own)
-    people.run("patterns", "my-dome", "--out", "pictures")
+    people.run("session", "plan", "my-dome", "--out", "pictures")
     roll = people.photograph("pictures")
     _test_photographs(folder / "pictures", folder / roll, folder / "test")
     people.say(
@@ -112,8 +112,8 @@ def play(folder: Path) -> tuple[People, dict[str, object]]:
     )
     people.run("doctor", "my-dome", "--camera", "zenith", "--photos", "test")
     session = "my-dome/sessions/hand-0001"
-    people.run("ingest", session, "--camera", "zenith", "--photos", roll)
-    people.run("solve", session)
+    people.run("session", "add", session, "--camera", "zenith", "--photos", roll)
+    people.run("session", "solve", session)
     rounds = people.rounds("refine", "my-dome")
     people.run("report", "my-dome")
     people.say("the audience is in")

@@ -147,7 +147,10 @@ class Sensor:
         x, y = np.meshgrid(np.arange(size), np.arange(size))
         lights, traps = [], []
         for number, (across, down) in enumerate(TRAPS):
-            place, radius = (across * size, down * size), size / 50  # small, as `procam glare` asks
+            place, radius = (
+                (across * size, down * size),
+                size / 50,
+            )  # small, as `procam lens glare` asks
             wall = 1 + 0.3 * np.cos(x / size * 4) * np.sin(y / size * 3)
             wall[np.hypot(x - place[0], y - place[1]) < 1.5 * radius] = 0
             light = (wall * self.circle)[..., None].astype(np.float32)

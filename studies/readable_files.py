@@ -22,9 +22,9 @@ from procam.model.plan import Plan, Shot
 from procam.workflows.capture.settings import keep_settings
 from procam.workflows.photographs.driven import Wanted
 from procam.workflows.photographs.rounds import Rounds
-from procam.workflows.preference import answers, plan
 from simulators.scene import SceneSize
 from simulators.template import venue_text
+from studies.preference import answers, plan
 
 CALIBRATION, SESSION = "venue/calibrations/0001", "venue/sessions/0001"
 SMALL = SceneSize(projectors=1, projector_size=(64, 40), camera_size=(60, 60), rays=64)
@@ -201,7 +201,7 @@ def _preference_test(folder: Path) -> None:
     asked = plan.Plan(
         id="abc",
         version="1",
-        command="procam ask",
+        command="ask",
         calibration="0001",
         on_dome=True,
         settings={"db": 1.0},

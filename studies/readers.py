@@ -49,8 +49,8 @@ from procam.model.plan import Plan
 from procam.workflows.capture.photo_index import read_index
 from procam.workflows.capture.settings import read_settings
 from procam.workflows.playout.sources import read_clip_frame
-from procam.workflows.preference import answers, plan
 from procam.workflows.refine.stored_pictures import read_frames, read_square
+from studies.preference import answers, plan
 from studies.readable_files import CALIBRATION, SESSION, SHOTS, WANTED, all_files, rounds_in
 
 WHITE_LIGHT = 0.9  # of which a picture may not become black by a profile
@@ -109,7 +109,7 @@ def _listed(path: Path) -> object:
 
 
 def _history(path: Path) -> object:
-    """As `procam history` reads it."""
+    """As `procam venue status` reads it."""
     _remove_logs(path)
     return list_runs(path.parent), figures_csv(path.parent)
 

@@ -28,18 +28,17 @@ from studies.stops import ONE_THREAD
 
 SIZE = SceneSize(projectors=1, projector_size=(128, 80), camera_size=(200, 200), rays=64)
 COMMANDS: Mapping[str, tuple[str, ...]] = {
-    "capture": ("VENUE",),
+    "session capture": ("VENUE",),
     "calibrate": ("VENUE",),
-    "solve": ("VENUE/sessions/0001",),
+    "session solve": ("VENUE/sessions/0001",),
     "refine": ("VENUE",),
     "state": ("VENUE", "full"),
     "doctor": ("VENUE",),
     "projector": ("VENUE", "south", "state"),
-    "patterns": ("VENUE", "--out", "OUT"),
-    "history": ("VENUE", "--restore", "1"),
+    "session plan": ("VENUE", "OUT"),
+    "venue use": ("VENUE@1",),
     "report": ("VENUE",),
     "compensate": ("VENUE", "VENUE/sky.png", "OUT.exr"),
-    "warp": ("VENUE", "VENUE/sky.png", "OUT"),
 }
 WORKED = {0, 1}  # 1: doctor has findings, refine found nothing better
 
@@ -70,7 +69,7 @@ def _start(venue: Path, name: str, number: int) -> "subprocess.Popen[bytes]":
     out = str(venue.parent / f"out-{number}")
     given = (part.replace("VENUE", str(venue)).replace("OUT", out) for part in COMMANDS[name])
     return subprocess.Popen(
-        (sys.executable, "-m", "procam", name, *given),
+        (sys.executable, "-m", "procam", *name.split(), *given),
         env=os.environ | ONE_THREAD,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,

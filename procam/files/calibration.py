@@ -5,6 +5,7 @@ each part is written and read in one place, so that the two cannot drift apart.
 """
 
 import json
+from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -107,6 +108,15 @@ def load_dome(directory: Path) -> Calibration:
     return _load(directory, with_projectors=False)
 
 
+def metered_white(directory: Path) -> float | None:
+    """Luminance of a calibration's reference white [cd/m2], if a hand meter has read it; loads no map."""
+    damaged = (AttributeError, LookupError, OSError, RecursionError, TypeError, ValueError)
+    with suppress(*damaged):  # which whoever loads the calibration refuses
+        found = entries.absolute(json.loads((directory / "calibration.json").read_bytes()))
+        return found.nits_per_unit[0] if found else None
+    return None
+
+
 def _load(directory: str | Path, with_projectors: bool) -> Calibration:
     directory = Path(directory)
     path = directory / "calibration.json"
@@ -135,7 +145,7 @@ def _load(directory: str | Path, with_projectors: bool) -> Calibration:
     ) as error:
         raise FileFormatError(
             f"{path} is a damaged calibration ({type(error).__name__}: {error}); restore it or run "
-            "`procam solve` on its session again"
+            "`procam session solve` on its session again"
         ) from error
 
 
@@ -181,6 +191,7 @@ def _document(calibration: Calibration) -> dict[str, Any]:
         "quality": {n: f.as_dict() for n, f in calibration.quality.items()},
         "provenance": dict(calibration.provenance),
         "states": {n: _state_entry(s) for n, s in calibration.states.items()},
+        "absolute": asdict(calibration.absolute) if calibration.absolute else None,
     }
 
 
@@ -236,6 +247,7 @@ def _calibration(directory: Path, document: dict[str, Any], with_projectors: boo
         },
         entries.main_camera(document),
         entries.canvas(document),
+        entries.absolute(document),
     )
 
 

@@ -16,7 +16,7 @@ from procam.maths.geometry.lenses import Lens
 from procam.maths.geometry.pose import Pose
 from procam.model.correspondence import ProjectorSurface
 from procam.model.optics import CameraModel, Sensor
-from procam.model.photometry import ResponseCurve
+from procam.model.photometry import AbsoluteColour, ResponseCurve
 from procam.model.quality import Figure, Goal
 from procam.model.screen import Dome
 from procam.model.transport import Measured, ScatterKernel
@@ -139,6 +139,17 @@ def main_camera(document: Mapping[str, Any]) -> str:
     if name not in [*names, ""]:
         raise ValueError(f"main_camera {name!r} is none of its cameras")
     return str(name)
+
+
+def absolute(document: Mapping[str, Any]) -> AbsoluteColour | None:
+    """What content light is in cd/m2; None of a calibration that no meter has made absolute."""
+    entry = document.get("absolute")
+    if entry is None:
+        return None
+    covariance = numbers(entry, "covariance", (9, 9))
+    if (np.diag(covariance) < 0).any():
+        raise ValueError("covariance of absolute has variances below 0")
+    return AbsoluteColour(numbers(entry, "xyz_from_content", (3, 3)), covariance)
 
 
 def canvas(document: Mapping[str, Any]) -> Canvas:

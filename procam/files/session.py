@@ -35,7 +35,7 @@ from procam.model.plan import Plan, Shot
 Slot = tuple[str, float]  # shot and exposure [s]
 AS_MADE = "plan-as-made.json"  # before photographs by hand changed its exposures
 PRUNED = (
-    "{session}: its photographs were deleted, by `procam history --prune` or by hand, and can be neither "
+    "{session}: its photographs were deleted, by `procam venue prune` or by hand, and can be neither "
     "solved nor compared with; restore them from a backup, or calibrate again"
 )
 OTHERS_FROM = "others-from.txt"  # names the session whose photographs a recalibration has as links
@@ -69,7 +69,8 @@ class Session:
         if not path.is_file():
             raise FileFormatError(
                 f"{path}: no such file; a session folder such as VENUE/sessions/0001 is needed, of `procam "
-                "capture` or `procam patterns`. Photographs of refine and state go to these with --photos"
+                "session capture` or `procam session plan`. Photographs of refine and "
+                "state go to these with --photos"
             )
         return parse_plan(path, path.read_bytes())
 
@@ -92,7 +93,7 @@ class Session:
 
     @property
     def is_pruned(self) -> bool:
-        """Whether photographs were taken and all of them deleted since, as `procam history --prune` does."""
+        """Whether photographs were taken and all of them deleted since, as `procam venue prune` does."""
         cameras = [path.name for path in (self.directory / "captures").glob("*")]
         taken = any(self.taken(camera) for camera in cameras)
         return taken and not any(self.stored(camera) for camera in cameras)
@@ -140,8 +141,8 @@ class Session:
             if self.is_pruned:
                 raise FileFormatError(PRUNED.format(session=self.directory))
             raise FileFormatError(
-                f"{folder}: shot {shot.id} at {exposure_s:g} s was not captured; run `procam capture` on "
-                "this venue again, which takes only what is missing"
+                f"{folder}: shot {shot.id} at {exposure_s:g} s was not captured; run `procam session "
+                "capture` on this venue again, which takes only what is missing"
             )
         path = folder / entry.file
         pixels = read_image(path)

@@ -5,10 +5,11 @@ that commands that only list them start quickly.
 """
 
 import json
+import re
 from contextlib import suppress
 from pathlib import Path
 
-from procam.errors import FileFormatError
+from procam.errors import FileFormatError, InputError
 from procam.files.atomic import write_text
 
 IN_USE = "in-use"  # names the calibration that counts, if that is not the newest
@@ -39,7 +40,7 @@ def calibration_in_use(venue_dir: Path) -> Path:
     if not found:
         raise FileFormatError(
             f"{venue_dir} has no calibration; run `procam calibrate {venue_dir}` first, or by hand "
-            f"`procam patterns {venue_dir}`, `procam ingest` and `procam solve`"
+            f"`procam session plan {venue_dir} PICTURES`, `procam session add` and `procam session solve`"
         )
     chosen = venue_dir / "calibrations" / IN_USE
     if not chosen.is_file():
@@ -51,7 +52,7 @@ def calibration_in_use(venue_dir: Path) -> Path:
     there = ", ".join(path.name for path in found)
     raise FileFormatError(
         f"{chosen} names calibration {name!r}, which is not there, only {there}; choose one of them: "
-        f"procam history {venue_dir} --restore N"
+        f"procam venue use {venue_dir}@N"
     )
 
 
@@ -84,7 +85,7 @@ def session_of(directory: Path, venue_dir: Path) -> str:
     except (AttributeError, LookupError, RecursionError, TypeError, ValueError) as error:
         raise FileFormatError(
             f"{path} is damaged ({type(error).__name__}: {error}); restore it, or go back to another "
-            f"calibration: procam history {venue_dir} --restore N"
+            f"calibration: procam venue use {venue_dir}@N"
         ) from error
 
 
@@ -107,15 +108,44 @@ def solved_sessions(venue_dir: Path) -> set[str]:
 
 
 def chosen_calibration(path: Path) -> Path:
-    """A calibration directory, or the one in use where `path` is a venue."""
+    """A calibration directory: that of VENUE@N, the one in use of VENUE, or `path` itself.
+
+    Raises
+    ------
+    InputError
+        The venue has no calibration N.
+    """
     if (path / "calibration.json").is_file():
         return path
+    venue, number = _parted(path)
+    if number is not None:
+        return _numbered(venue, number)
     is_venue = (path / "venue.toml").is_file() or list_calibrations(path)
     return calibration_in_use(path) if is_venue else path
 
 
 def venue_of_calibration(path: Path) -> Path:
-    """The venue of a calibration directory; a venue's folder stays as it is."""
+    """The venue of a calibration directory or of VENUE@N; a venue's folder stays as it is."""
+    path = _parted(path)[0]
     if not (path / "calibration.json").is_file():
         return path
     return path.parent.parent if path.parent.name == "calibrations" else path.resolve().parents[1]
+
+
+def _parted(path: Path) -> tuple[Path, int | None]:
+    """The venue and the number of VENUE@N; a folder that has an @ in its name stays whole."""
+    if path.exists() or not (match := re.fullmatch(r"(.+)@([^/@]*)", str(path))):
+        return path, None
+    if not match[2].isdecimal():
+        raise InputError(
+            f"{path}: what follows @ is the number of a calibration, such as {match[1]}@3"
+        )
+    return Path(match[1]), int(match[2])
+
+
+def _numbered(venue: Path, number: int) -> Path:
+    there = {int(path.name): path for path in list_calibrations(venue)}
+    if number not in there:
+        names = ", ".join(map(str, there)) or "none"
+        raise InputError(f"{venue} has no calibration {number}, only {names}; choose one of them")
+    return there[number]

@@ -44,7 +44,7 @@ def generate_patterns(
     Returns
     -------
     patterns : (height, width) each, encoded for a display gamma of 2.2; white and black come first, also
-        of "gray", which `procam patterns` writes last.
+        of "gray", which `procam lens patterns` writes last.
 
     Raises
     ------

@@ -9,7 +9,7 @@ from procam.errors import CalibrationError, InputError, ShapeError
 from procam.maths.geometry.canvas import STANDARD, Canvas
 from procam.model.correspondence import ProjectorSurface
 from procam.model.optics import CameraModel, ProjectorModel
-from procam.model.photometry import Photometry
+from procam.model.photometry import AbsoluteColour, Photometry
 from procam.model.quality import Figure
 from procam.model.screen import Dome
 from procam.model.transport import DomeMaps, Measured
@@ -43,6 +43,7 @@ class Calibration:
     states : venue states measured since, by name.
     canvas : dome master that content is drawn on, and a media server is fed with.
     main_camera : name of the camera that light was measured with; "" if it is not recorded.
+    absolute : what content light is in cd/m2, by a hand meter; None if none was used.
     """
 
     screen: Dome
@@ -58,6 +59,7 @@ class Calibration:
     states: Mapping[str, VenueState] = field(default_factory=dict)
     main_camera: str = ""
     canvas: Canvas = STANDARD
+    absolute: AbsoluteColour | None = None
 
     def __post_init__(self) -> None:
         if self.main_camera and self.main_camera not in self.cameras:
@@ -82,7 +84,7 @@ class Calibration:
         if not self.main_camera:
             raise CalibrationError(
                 f"the calibration does not record which of its cameras ({', '.join(self.cameras)}) its light "
-                "was measured with; solve its session again (`procam solve VENUE/sessions/ID`)"
+                "was measured with; solve its session again (`procam session solve VENUE/sessions/ID`)"
             )
         return self.cameras[self.main_camera]
 

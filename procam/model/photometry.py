@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from procam.arrays import Array, Array32, IndexArray
 
 PRIMARIES = ("red", "green", "blue")
@@ -53,6 +55,33 @@ class Departure:
     def text(self) -> str:
         """In words."""
         return f"{self.place} by {self.size:+.3f} of white"
+
+
+@dataclass(frozen=True, slots=True)
+class AbsoluteColour:
+    """What content light is in absolute units, by a hand meter.
+
+    `xyz_from_content` (3, 3) from content radiance [rel] to XYZ [cd/m2]; `covariance` (9, 9) of its entries,
+    row by row.
+    """
+
+    xyz_from_content: Array
+    covariance: Array
+
+    @property
+    def sigma(self) -> Array:
+        """Standard errors (3, 3) of `xyz_from_content` [cd/m2]."""
+        return np.sqrt(np.diag(self.covariance)).reshape(3, 3)
+
+    @property
+    def white(self) -> Array:
+        """XYZ (3,) of the reference white [cd/m2]."""
+        return np.asarray(self.xyz_from_content.sum(axis=1))
+
+    @property
+    def nits_per_unit(self) -> tuple[float, float]:
+        """Luminance of the reference white (relative radiance 1) and its standard error [cd/m2]."""
+        return float(self.white[1]), float(np.sqrt(self.covariance[3:6, 3:6].sum()))
 
 
 @dataclass(frozen=True, slots=True)

@@ -30,7 +30,7 @@ def prune_captures(venue: Venue) -> dict[str, int]:
             f"{venue.directory / 'venue.toml'}: it does not say how many sessions to keep; add [history] "
             "with keep_sessions = 3, for the captures of the newest three and of the calibration in use"
         )
-    with recorded(venue.directory, "history") as run:
+    with recorded(venue.directory, "venue prune") as run:
         known = sorted((venue.directory / "sessions").glob("[0-9][0-9][0-9][0-9]"))
         solved = {session_of(path, venue.directory) for path in list_calibrations(venue.directory)}
         failed = {p for p in known if Session(p).is_of_recalibration and p.name not in solved}

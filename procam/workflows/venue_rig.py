@@ -88,8 +88,8 @@ def _open_backends(venue: Venue, undo: ExitStack) -> dict[str, BackendRig]:
         for name, entry in entries.items():
             if entry.backend == BY_HAND:
                 raise InputError(
-                    f"{path}: {kind} {name} is driven by hand; use `procam patterns "
-                    f"{venue.directory}`, `procam doctor --photos` and `procam ingest`"
+                    f"{path}: {kind} {name} is driven by hand; use `procam session plan "
+                    f"{venue.directory}`, `procam doctor --photos` and `procam session add`"
                 )
             names.setdefault(entry.backend, f"{kind}s.{name}.backend")
     for backend, where in names.items():

@@ -354,7 +354,7 @@ def _captured(bench: Bench) -> Path:
 
 
 def interrupt_at_random(bench: Bench) -> Iterator[str]:
-    """INT, TERM or HUP, up to five of them, in `procam capture`: dark, their exit code; five: resumable."""
+    """INT, TERM or HUP, up to five of them, in a capture: dark, their exit code; five: resumable."""
     rng = random.Random(130)
     for number, count in STOPS:
         venue = bench.venue()

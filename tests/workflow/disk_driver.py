@@ -35,18 +35,18 @@ from procam.files.images.pixels import write_image
 Command = Callable[[Path], tuple[object, ...]]
 COMMANDS: dict[str, Command] = {
     "init": lambda d: ("init", d / "new", "--template", "by-hand"),
-    "capture": lambda d: ("capture", d / "fresh"),
-    "solve": lambda d: ("solve", d / "venue" / "sessions" / "0001"),
+    "capture": lambda d: ("session", "capture", d / "fresh"),
+    "solve": lambda d: ("session", "solve", d / "venue" / "sessions" / "0001"),
     "calibrate": lambda d: ("calibrate", d / "fresh"),
     "recalibrate": lambda d: ("recalibrate", d / "venue", "--projector", "south"),
     "refine": lambda d: ("refine", d / "venue"),
     "state": lambda d: ("state", d / "venue", "full"),
     "report": lambda d: ("report", d / "venue"),
-    "bundle": lambda d: ("bundle", d / "venue", "--out", d / "out.zip"),
-    "opened bundle": lambda d: ("bundle", "--open", d / "venue.zip", d / "new"),
-    "patterns": lambda d: ("patterns", d / "venue", "--out", d / "out"),
-    "movie": lambda d: ("patterns", d / "venue", "--out", d / "out", "--movie"),
-    "code": lambda d: ("patterns", "--size", "64x48", "--out", d / "out"),
+    "bundle": lambda d: ("venue", "pack", d / "venue", d / "out.zip"),
+    "opened bundle": lambda d: ("venue", "unpack", d / "venue.zip", d / "new"),
+    "patterns": lambda d: ("session", "plan", d / "venue", d / "out"),
+    "movie": lambda d: ("session", "plan", d / "venue", d / "out", "--movie"),
+    "code": lambda d: ("lens", "patterns", d / "out", "--size", "64x48"),
     "picture": lambda d: ("compensate", _calibration(d), d / "sky" / "0001.png", d / "out.exr"),
     "stills": lambda d: ("compensate", _calibration(d), d / "sky", d / "out.%04d.png"),
     "part of stills": lambda d: (
@@ -61,8 +61,7 @@ COMMANDS: dict[str, Command] = {
         *("compensate", _calibration(d), d / "sky.mkv", d / "out.mov"),
         *("--transfer", "srgb"),
     ),
-    "warp": lambda d: ("warp", _calibration(d), d / "sky" / "0001.png", d / "out"),
-    "track": lambda d: ("track", _calibration(d), d / "sky", d / "out"),
+    "track": lambda d: ("export", _calibration(d), "shader", d / "sky", d / "out"),
 }
 MAP_SIZE = 256
 OUTCOMES = 0, 1  # 1: a loop that found nothing better

@@ -1,7 +1,7 @@
 """A venue that procam does not drive: its server shows PNGs, its camera writes TIFFs.
 
 `main(VENUE, PICTURES, PHOTOS, FLOOR)` knows a folder with a venue.toml (of the simulated dome), the folder
-that `procam patterns` or a round of `procam refine` made, and nothing else. FLOOR is the albedo of the floor,
+that `procam session plan` or a round of `refine` made, and nothing else. FLOOR is the albedo of the floor,
 when there are people.
 """
 

@@ -371,7 +371,7 @@ def test_a_wrong_exposure_is_named(exposure: str, words: str, venue: Venue) -> N
     text = path.read_text()
     assert "\nexposure_s = 0.13 " in text
     path.write_text(text.replace("\nexposure_s = 0.13 ", f"\nexposure_s = {exposure} "))
-    ran = procam("capture", venue.directory)
+    ran = procam("session", "capture", venue.directory)
     assert ran.code == 2
     assert "shot south-0000: " in ran.complaint
     assert words in ran.complaint
@@ -396,7 +396,7 @@ def test_a_camera_that_clips_below_its_full_scale_is_refused(
             return replace(frame, counts=np.minimum(frame.counts, level).astype(np.uint16))
 
     watch_stage(monkeypatch, lambda stage: replace_camera(stage.backend, Clipping))
-    ran = procam("capture", venue.directory)
+    ran = procam("session", "capture", venue.directory)
     assert ran.code == 2
     assert "and none has more, though 12 bits allow 4095: the camera clips there" in ran.complaint
 
@@ -417,7 +417,7 @@ def test_the_faulty_preset_ends_in_the_right_named_errors(
     assert len(files) == taken - 1 > STALE_FRAME
     assert not [name for name in files if "north" in name]
     assert len(set(files.values())) == len(files)
-    ran = procam("capture", venue.directory)
+    ran = procam("session", "capture", venue.directory)
     assert ran.code == 1
     assert "projector north" in ran.complaint
 
@@ -483,7 +483,7 @@ def test_damaged_captures_are_refused_and_calibrations_stay_as_they_are(
     shutil.copytree(whole.directory, tmp_path, dirs_exist_ok=True)
     before = contents(tmp_path / "calibrations")
     words = damage(tmp_path / "sessions" / "0001" / FRAMES)
-    ran = procam("solve", tmp_path / "sessions" / "0001")
+    ran = procam("session", "solve", tmp_path / "sessions" / "0001")
     assert ran.code == 2
     assert words in ran.complaint
     assert str(tmp_path) in ran.complaint

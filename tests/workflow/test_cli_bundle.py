@@ -1,4 +1,4 @@
-"""`procam bundle`: a session solved at another place gives the same maps; what the command refuses."""
+"""`procam venue pack`: a session solved at another place gives the same maps; what the command refuses."""
 
 import json
 import shutil
@@ -28,14 +28,14 @@ def solved(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("bundle") / "venue"
     with quick_simulator():
         take_session(make_venue(folder, size=TINY_PAIR))
-    assert procam("solve", folder / "sessions" / "0001").code == 0
+    assert procam("session", "solve", folder / "sessions" / "0001").code == 0
     return folder
 
 
 def test_a_bundle_solves_elsewhere_to_the_same_bits(
     solved: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    ran = procam("bundle", solved, "--out", tmp_path / "dome.zip")
+    ran = procam("venue", "pack", solved, tmp_path / "dome.zip")
     assert (ran.code, ran.err) == (0, "")
     assert f"{tmp_path / 'dome.zip'} written" in ran.out and "80 of 80 photographs" in ran.out
     assert "left out: tables of backends\n" in ran.out
@@ -43,7 +43,7 @@ def test_a_bundle_solves_elsewhere_to_the_same_bits(
     assert inspected["kind"] == "bundle" and inspected["photographs"] == 80
     assert (inspected["projectors"], inspected["cameras"]) == (["north", "south"], ["zenith"])
     assert "tables of backends" in inspected["left_out"] and inspected["files"] > 80
-    ran = procam("bundle", "--open", tmp_path / "dome.zip", tmp_path / "new", "--json")
+    ran = procam("venue", "unpack", tmp_path / "dome.zip", tmp_path / "new", "--json")
     document = json.loads(ran.out)
     assert (ran.code, document["frames"]) == (0, 80)
     plans = [Session(d / "sessions" / "0001").read_plan() for d in (solved, tmp_path / "new")]
@@ -53,7 +53,7 @@ def test_a_bundle_solves_elsewhere_to_the_same_bits(
         raise AssertionError("a device was opened")
 
     monkeypatch.setattr(venue_rig, "open_rig", no_device)
-    assert procam("solve", document["session"]).code == 0
+    assert procam("session", "solve", document["session"]).code == 0
     before, after = (
         contents(d / "calibrations" / "0001" / "maps") for d in (solved, tmp_path / "new")
     )
@@ -73,14 +73,14 @@ def test_commands_of_a_bundle_never_run(solved: Path, tmp_path: Path) -> None:
     shutil.copytree(solved, venue)
     with (venue / "venue.toml").open("a") as file:
         file.write(UNATTENDED.format(command=f"touch {canary}"))
-    assert procam("bundle", venue, "--out", tmp_path / "packed.zip").code == 0
+    assert procam("venue", "pack", venue, tmp_path / "packed.zip").code == 0
     files = contents_of(tmp_path / "packed.zip")
     forged = files["venue.toml"].decode() + UNATTENDED.format(command=f"touch {canary}")
     write_zip(tmp_path / "forged.zip", relisted({**files, "venue.toml": forged.encode()}))
     for name in ("packed", "forged"):
-        ran = procam("bundle", "--open", tmp_path / f"{name}.zip", tmp_path / name)
+        ran = procam("venue", "unpack", tmp_path / f"{name}.zip", tmp_path / name)
         assert ran.code == 0 and "left out: unattended" in ran.out
-        assert procam("solve", tmp_path / name / "sessions" / "0001").code == 0
+        assert procam("session", "solve", tmp_path / name / "sessions" / "0001").code == 0
         for command in ("verify", "recalibrate"):
             ran = procam(command, tmp_path / name, "--unattended")
             assert ran.code == 2 and "--unattended needs [unattended] with interlock" in ran.err
@@ -90,8 +90,8 @@ def test_commands_of_a_bundle_never_run(solved: Path, tmp_path: Path) -> None:
 
 
 def test_two_bundles_of_a_session_are_equal(solved: Path, tmp_path: Path) -> None:
-    procam("bundle", solved, "--out", tmp_path / "a.zip")
-    ran = procam("bundle", solved / "sessions" / "0001", "--out", tmp_path / "b.zip", "--json")
+    procam("venue", "pack", solved, tmp_path / "a.zip")
+    ran = procam("venue", "pack", solved / "sessions" / "0001", tmp_path / "b.zip", "--json")
     document = json.loads(ran.out)
     assert (tmp_path / "a.zip").read_bytes() == (tmp_path / "b.zip").read_bytes()
     assert document["bytes"] == (tmp_path / "b.zip").stat().st_size
@@ -104,43 +104,35 @@ def test_a_venue_stands_for_the_session_in_use(solved: Path, tmp_path: Path) -> 
     (venue / "sessions" / "0001").rename(venue / "sessions" / "0002")
     (venue / "sessions" / "0001").mkdir()
     shutil.copy(venue / "sessions" / "0002" / "plan.json", venue / "sessions" / "0001")
-    ran = procam("bundle", venue, "--out", out)
+    ran = procam("venue", "pack", venue, out)
     assert ran.complaint.endswith(
         "sessions/0001: no frames are stored, so there is nothing to solve; give a "
         "session that was captured, and whose captures were not pruned"
     )
     shutil.rmtree(venue / "calibrations")
-    ran = procam("bundle", venue, "--out", out)
-    assert "it has sessions 0001, 0002, and none is solved; give a folder such as" in ran.complaint
+    ran = procam("venue", "pack", venue, out)
+    assert "which of its sessions 0001, 0002 is meant; give a folder such as" in ran.complaint
     shutil.rmtree(venue / "sessions" / "0001")
-    assert procam("bundle", venue, "--out", out).code == 0
+    assert procam("venue", "pack", venue, out).code == 0
 
 
 def test_a_damaged_calibration_in_use_is_named(solved: Path, tmp_path: Path) -> None:
     venue = tmp_path / "venue"
     shutil.copytree(solved, venue)
     (venue / "calibrations" / "0001" / "calibration.json").write_text("[]")
-    complaint = procam("bundle", venue, "--out", tmp_path / "out.zip").complaint
+    complaint = procam("venue", "pack", venue, tmp_path / "out.zip").complaint
     assert "calibrations/0001/calibration.json is damaged (TypeError" in complaint
-    assert "--restore N" in complaint
+    assert "procam venue use " in complaint
 
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["VENUE"], "--out, --open: give one of them"),
-        (["VENUE", "--out", "a.zip", "--open", "b.zip"], "--out, --open: give one of them"),
-        (["VENUE", "--out", "a.tar"], "its name must end in .zip"),
-        (
-            ["EMPTY", "--out", "a.zip"],
-            "it has no session; give a folder such as VENUE/sessions/0001",
-        ),
-        (["new", "--open", "no.zip"], "no.zip: there is no such file or folder"),
-        (
-            ["VENUE", "--open", "no.zip"],
-            "exists; give the name of a folder that does not exist yet",
-        ),
-        (["new", "--open", "VENUE/venue.toml"], "is no bundle, or a damaged one"),
+        (["pack", "VENUE", "a.tar"], "its name must end in .zip; choose another OUT.zip"),
+        (["pack", "EMPTY", "a.zip"], "there is no session here; give a folder such as VENUE/sess"),
+        (["unpack", "no.zip", "new"], "no.zip: there is no such file or folder"),
+        (["unpack", "no.zip", "VENUE"], "exists; give the name of a folder that does not exist"),
+        (["unpack", "VENUE/venue.toml", "new"], "is no bundle, or a damaged one"),
     ],
 )
 def test_refusals(
@@ -153,7 +145,7 @@ def test_refusals(
     monkeypatch.chdir(tmp_path)
     (tmp_path / "empty").mkdir()
     named = [a.replace("VENUE", str(solved)).replace("EMPTY", "empty") for a in arguments]
-    ran = procam("bundle", *named, "--json")
+    ran = procam("venue", *named, "--json")
     assert ran.code == 2
     assert words in ran.complaint
     assert [path.name for path in tmp_path.iterdir()] == ["empty"]

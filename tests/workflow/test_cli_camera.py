@@ -1,16 +1,18 @@
-"""`procam camera`: from photographs of a board to the lines of venue.toml."""
+"""`procam lens board`: from photographs of a board to the keys of a camera in venue.toml."""
 
 import json
+import re
 import tomllib
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
-from tiny_venue import procam
+from tiny_venue import Ran, procam
 
 from procam.files.images.pixels import write_image
-from procam.interfaces.cli import camera as command
+from procam.files.venue.load import create_venue
+from procam.interfaces.cli.lens import board as command
 from procam.maths.geometry.lenses import Lens, project, unproject
 from procam.maths.geometry.pose import Pose, rotation_matrix
 
@@ -96,24 +98,41 @@ def rim_miss(table: dict, truth: Lens) -> float:
     return float(np.linalg.norm(back - pixels - np.mean(back - pixels, axis=0), axis=1).max())
 
 
+@pytest.fixture
+def venue(tmp_path: Path) -> Path:
+    return create_venue(tmp_path / "venue", "by-hand")
+
+
+def solve(photos: Path, *more: object, into: Path | None = None) -> Ran:
+    where = ("--into", into, "--camera", "side") if into else ()
+    return procam("lens", "board", "--photos", photos, *BOARD, *where, *more)
+
+
 class TestSolves:
-    def test_brown(self, photos: Path, tmp_path: Path) -> None:
-        out = tmp_path / "zenith.toml"
-        ran = procam("camera", photos, *BOARD, "--out", out)
+    def test_brown(self, photos: Path, venue: Path) -> None:
+        """Keys of the camera are replaced, with the standard errors of a run before, and nothing else."""
+        path = venue / "venue.toml"
+        before = path.read_text()
+        text = before.replace("\nf = [4200.0, 4200.0]", "\nf = [900.0, 900.0]  # +- 7, 7 px")
+        text = text.replace("0.0, 0.0, 0.0, 0.0, 0.0]", "0.0, 0.0, 0.0, 0.0, 0.0] # mine")
+        path.write_text(text)
+        ran = solve(photos, into=venue)
         assert ran.code == 0, ran.err
         assert "wall.png: no board of 10x7 squares found; left out" in ran.out
         assert "held_out_rms" in ran.out
-        text = out.read_text()
-        assert "# +- " in text
-        table = tomllib.loads(text)["cameras"]["zenith"]
+        pairs = zip(text.splitlines(), path.read_text().splitlines(), strict=True)
+        size, f, c, k = (new for old, new in pairs if old != new)
+        assert size == "size = [640, 480]"
+        assert re.fullmatch(r"f = \[.*\]  # \+- 0[.\d]+, 0[.\d]+ px", f)
+        assert re.fullmatch(r"c = \[.*\]  # \+- 0[.\d]+, 0[.\d]+ px; \(0, 0\) is the .*", c)
+        assert re.fullmatch(r"k = \[.*\] # mine", k)
+        table = tomllib.loads(path.read_text())["cameras"]["side"]
         assert table["model"] == "brown"
-        assert table["size"] == [640, 480]
         np.testing.assert_allclose(table["f"], LENS.focal, rtol=0.003)
         assert rim_miss(table, LENS) < 0.3
 
-    def test_json_is_complete(self, photos: Path, tmp_path: Path) -> None:
-        ran = procam("camera", photos, *BOARD, "--out", tmp_path / "c.toml", "--json")
-        document = json.loads(ran.out)
+    def test_json_is_complete(self, photos: Path) -> None:
+        document = json.loads(solve(photos, "--json").out)
         assert document["no_board"] == [str(photos / "wall.png")]
         assert len(document["views"]) == 12
         assert document["figures"]["rms"]["value"] < 0.2
@@ -125,138 +144,123 @@ class TestSolves:
         assert document["better_model"] is None
 
     def test_fisheye(self, tmp_path: Path) -> None:
+        """Without a venue the lines are printed."""
         places = poses(6, tilt=0.5, distance=0.16)
         photos = write_all(tmp_path / "photos", checkers(), FISHEYE, places)
-        out = tmp_path / "dome.toml"
-        ran = procam(
-            "camera", *sorted(photos.iterdir()), *BOARD, "--model", "kannala-brandt", "--out", out
-        )
+        ran = solve(photos, "--model", "kannala-brandt")
         assert ran.code == 0, ran.out + ran.err
-        table = tomllib.loads(out.read_text())["cameras"]["dome"]
-        assert table["model"] == "kannala-brandt"
+        *lines, note = ran.out.splitlines()[-6:]
+        assert note.startswith("for venue.toml: give --into VENUE and --camera NAME, or copy")
+        assert all("# +- " in line for line in lines[2:])
+        table = tomllib.loads("\n".join(lines))
+        assert (table["model"], table["size"]) == ("kannala-brandt", [640, 480])
         assert rim_miss(table, FISHEYE) < 0.3
 
     def test_charuco_in_parts(self, tmp_path: Path) -> None:
         """The visible parts of boards beyond the picture's edge are used."""
         photos = write_all(tmp_path / "photos", charuco(), LENS, poses(6, distance=0.2))
         charuco_board = ("--board", "charuco", "--marker-mm", "14", "--dictionary", "DICT_5X5_100")
-        ran = procam(
-            "camera", photos, *BOARD, *charuco_board, "--out", tmp_path / "c.toml", "--json"
-        )
+        ran = solve(photos, *charuco_board, "--json")
         assert ran.code == 0, ran.err
         document = json.loads(ran.out)
         counts = [view["corners"] for view in document["views"].values()]
         assert min(counts) < 54 >= max(counts)
         assert abs(document["parameters"]["fx"]["value"] - 560) < 3
 
-    def test_a_lens_of_another_kind_fails_the_check(self, tmp_path: Path) -> None:
-        """A fisheye with the Brown model fits badly: exit 1, and the file is written."""
+    def test_a_lens_of_another_kind_fails_the_check(self, tmp_path: Path, venue: Path) -> None:
+        """A fisheye with the Brown model fits badly: exit 1, and the venue stays as it is."""
         photos = write_all(
             tmp_path / "photos", checkers(), FISHEYE, poses(10, tilt=0.5, distance=0.11)
         )
-        ran = procam("camera", photos, *BOARD, "--out", tmp_path / "c.toml")
+        before = (venue / "venue.toml").read_text()
+        ran = solve(photos, into=venue)
         assert ran.code == 1, ran.out + ran.err
         assert "FAIL" in ran.out
         assert "kannala-brandt fits this lens better than brown: RMS 0." in ran.out
         assert "run again with --model kannala-brandt" in ran.out
-        assert (tmp_path / "c.toml").is_file()
+        assert "the lens is not given on: it fits badly" in ran.out
+        assert (venue / "venue.toml").read_text() == before
 
 
 class TestRefuses:
-    """One clear line, and exit code 2."""
+    """One clear line, and exit code 2; the venue stays as it is."""
 
-    def refused(self, tmp_path: Path, *arguments: object) -> str:
-        ran = procam("camera", *arguments, "--out", tmp_path / "c.toml")
+    def refused(self, venue: Path, photos: Path, *arguments: object) -> str:
+        before = (venue / "venue.toml").read_text()
+        where = () if "--camera" in arguments else ("--into", venue, "--camera", "side")
+        ran = procam("lens", "board", "--photos", photos, *BOARD, *arguments, *where)
         assert ran.code == 2, ran.out
         assert ran.err.count("\n") == 1
-        assert not (tmp_path / "c.toml").exists()
+        assert (venue / "venue.toml").read_text() == before
         return ran.err
 
-    def test_a_wrong_number_of_squares(self, photos: Path, tmp_path: Path) -> None:
-        three = sorted(photos.glob("0[0-2].png"))
-        complaint = self.refused(tmp_path, *three, "--squares", "9x6", "--square-mm", "20")
+    def linked(self, folder: Path, *files: Path) -> Path:
+        """A folder with some photographs."""
+        folder.mkdir()
+        for path in files:
+            (folder / path.name).symlink_to(path)
+        return folder
+
+    def test_a_wrong_number_of_squares(self, photos: Path, tmp_path: Path, venue: Path) -> None:
+        three = self.linked(tmp_path / "three", *photos.glob("0[0-2].png"))
+        complaint = self.refused(venue, three, "--squares", "9x6")
         assert "a board of 9x6 squares is found in 0 of 3" in complaint
         assert "00.png shows one of 10x7, so try --squares 10x7" in complaint
 
-    def test_too_few_photographs(self, photos: Path, tmp_path: Path) -> None:
-        complaint = self.refused(
-            tmp_path, photos / "00.png", photos / "01.png", photos / "wall.png", *BOARD
-        )
+    def test_too_few_photographs(self, photos: Path, tmp_path: Path, venue: Path) -> None:
+        few = (photos / f"{name}.png" for name in ("00", "01", "wall"))
+        complaint = self.refused(venue, self.linked(tmp_path / "few", *few))
         assert "in 2 of 3 (none in wall.png), and at least 3 are needed" in complaint
 
-    def test_mixed_sizes(self, photos: Path, tmp_path: Path) -> None:
-        other = tmp_path / "turned.png"
-        write_image(other, np.full((SIZE[0], SIZE[1]), 120, np.uint8))
-        complaint = self.refused(tmp_path, photos, other, *BOARD)
-        assert "640x480 (00.png, 01.png, 02.png, 03.png and 9 more) and 480x640 (turned.png)" in (
-            complaint
-        )
+    def test_mixed_sizes(self, photos: Path, tmp_path: Path, venue: Path) -> None:
+        mixed = self.linked(tmp_path / "mixed", *photos.iterdir())
+        write_image(mixed / "turned.png", np.full((SIZE[0], SIZE[1]), 120, np.uint8))
+        complaint = self.refused(venue, mixed)
+        sizes = "640x480 (00.png, 01.png, 02.png, 03.png and 9 more) and 480x640 (turned.png)"
+        assert sizes in complaint
 
-    def test_boards_that_are_all_parallel(self, tmp_path: Path) -> None:
+    def test_boards_that_are_all_parallel(self, tmp_path: Path, venue: Path) -> None:
         places = [
             Pose(np.eye(3), [x, 0.0, z] - MIDDLE) for x, z in ((0, 0.3), (0.02, 0.4), (0, 0.5))
         ]
         photos = write_all(tmp_path / "photos", checkers(), LENS, places)
-        complaint = self.refused(tmp_path, photos, *BOARD)
-        assert "parallel" in complaint
-        assert "tilt" in complaint
+        complaint = self.refused(venue, photos)
+        assert "parallel" in complaint and "tilt" in complaint
 
     @pytest.mark.parametrize(
         ("options", "complaint"),
         [
+            ("--squares ten", "--squares: 'ten' is not of the form COLUMNSxROWS"),
+            ("--square-mm nan", "--square-mm is nan; it must lie between 0.01"),
+            ("--square-mm inf", "--square-mm is inf; it must lie between 0.01"),
+            ("--square-mm -20", "--square-mm is -20; it must lie between 0.01"),
+            ("--squares 3x7", "3x7 squares of 20 mm are no board"),
+            ("--model equidistant", "--model 'equidistant' is unknown; choose brown or"),
+            ("--board circles", "--board 'circles' is unknown; choose checkerboard or"),
+            ("--board charuco", "markers of 0 mm do not fit into squares of 20 mm"),
             (
-                ("--squares", "ten", "--square-mm", "20"),
-                "--squares: 'ten' is not of the form COLUMNSxROWS",
-            ),
-            *(
-                (
-                    ("--squares", "10x7", "--square-mm", edge),
-                    f"--square-mm is {edge}; it must lie between 0.01",
-                )
-                for edge in ("nan", "inf", "-20")
-            ),
-            (("--squares", "3x7", "--square-mm", "20"), "3x7 squares of 20 mm are no board"),
-            (
-                (*BOARD, "--model", "equidistant"),
-                "--model 'equidistant' is unknown; choose brown or",
-            ),
-            (
-                (*BOARD, "--board", "circles"),
-                "--board 'circles' is unknown; choose checkerboard or",
-            ),
-            ((*BOARD, "--board", "charuco"), "markers of 0 mm do not fit into squares of 20 mm"),
-            (
-                (*BOARD, "--board", "charuco", "--marker-mm", "14", "--dictionary", "DICT_9X9"),
+                "--board charuco --marker-mm 14 --dictionary DICT_9X9",
                 "no marker dictionary 'DICT_9X9'",
             ),
         ],
     )
-    def test_options(
-        self, photos: Path, tmp_path: Path, options: tuple[str, ...], complaint: str
-    ) -> None:
-        assert complaint in self.refused(tmp_path, photos, *options)
+    def test_options(self, photos: Path, venue: Path, options: str, complaint: str) -> None:
+        assert complaint in self.refused(venue, photos, *options.split())
 
-    def test_a_file_that_is_not_there(self, tmp_path: Path) -> None:
-        assert "no such file" in self.refused(tmp_path, tmp_path / "gone.png", *BOARD)
-
-    def test_a_folder_without_pictures(self, tmp_path: Path) -> None:
+    def test_photographs_that_are_not_there(self, tmp_path: Path, venue: Path) -> None:
+        assert "no such file" in self.refused(venue, tmp_path / "gone.png")
         (tmp_path / "empty").mkdir()
-        assert "there are no photographs here" in self.refused(tmp_path, tmp_path / "empty", *BOARD)
+        assert "there are no photographs here" in self.refused(venue, tmp_path / "empty")
 
-    def test_a_file_where_the_folder_must_be_before_the_fit(
-        self, photos: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    def test_where_the_lens_cannot_go_is_refused_before_the_fit(
+        self, photos: Path, venue: Path, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         monkeypatch.setattr(command, "_find_boards", pytest.fail)
-        (tmp_path / "notes.txt").write_text("x")
-        (tmp_path / "folder.toml").mkdir()
-        for out, message in (
-            ("notes.txt/sub/c.toml", "notes.txt is a file, not a folder"),
-            ("folder.toml", "folder.toml: this is a folder"),
+        together = "--into and --camera: the venue and one of its cameras go together"
+        for where, message in (
+            (("--camera", "side"), together),
+            (("--into", venue, "--camera", ""), together),
+            (("--into", venue, "--camera", "b"), "venue.toml; choose one of zenith, side"),
+            (("--into", photos, "--camera", "side"), "venue.toml: no such file"),
         ):
-            ran = procam("camera", photos, *BOARD, "--out", tmp_path / out)
-            assert (ran.code, message in ran.complaint) == (2, True), ran
-
-    def test_another_suffix(self, photos: Path, tmp_path: Path) -> None:
-        ran = procam("camera", photos, *BOARD, "--out", tmp_path / "c.json")
-        assert ran.code == 2
-        assert "c.json: its name must end in .toml" in ran.err
+            assert message in self.refused(venue, photos, *where)

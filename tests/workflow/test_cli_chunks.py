@@ -8,7 +8,7 @@ from pathlib import Path
 import av
 import numpy as np
 import pytest
-from tiny_venue import procam
+from tiny_venue import procam, warped
 
 from procam.files.calibration import save_calibration
 from procam.files.images.movies import MovieReader
@@ -167,9 +167,7 @@ def test_content_to_projectors_in_one_pass(
 
     for method in ("exact", "perceptual-video"):
         assert procam(*command, tmp_path / f"{method}-light", "--method", method).code == 0
-        assert (
-            procam("warp", kept, tmp_path / f"{method}-light", tmp_path / f"{method}-two").code == 0
-        )
+        assert warped(kept, tmp_path / f"{method}-light", tmp_path / f"{method}-two").code == 0
         more = ("--method", method, "--to", "projectors")
         assert procam(*command, tmp_path / f"{method}-one", *more).code == 0
         assert len(of(f"{method}-one")) == 2 * COUNT
@@ -181,7 +179,7 @@ def test_content_to_projectors_in_one_pass(
     lost = tmp_path / "exact-two" / "south" / "sky.0050.png"
     before = {p: p.stat().st_mtime_ns for p in (tmp_path / "exact-two").glob("*/*.png")}
     lost.unlink()
-    assert procam("warp", kept, tmp_path / "exact-light", tmp_path / "exact-two").code == 0
+    assert warped(kept, tmp_path / "exact-light", tmp_path / "exact-two").code == 0
     after = {p: p.stat().st_mtime_ns for p in (tmp_path / "exact-two").glob("*/*.png")}
     assert {p for p in after if after[p] != before[p]} == {
         tmp_path / "exact-two" / name / "sky.0050.png" for name in ("south", "north")

@@ -1,4 +1,4 @@
-"""`procam patterns` and `procam decode` for every code, with photographs of the written files."""
+"""`procam session plan` and `procam decode` for every code, with photographs of the written files."""
 
 from pathlib import Path
 
@@ -35,13 +35,13 @@ def _photograph(pattern: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 @pytest.mark.parametrize("code", CODES)
 def test_patterns_photographed_and_decoded(code: str, tmp_path: Path) -> None:
     size = ("--size", f"{WIDTH}x{HEIGHT}", "--code", code)
-    assert procam("patterns", *size, "--out", tmp_path / "patterns").code == 0
+    assert procam("lens", "patterns", tmp_path / "patterns", *size).code == 0
     rng = np.random.default_rng(7)
     photos = tmp_path / "photos"
     photos.mkdir()
     for path in sorted((tmp_path / "patterns").iterdir()):
         write_image(photos / path.name, _photograph(read_image(path)[..., 0], rng))
-    ran = procam("decode", photos, *size, "--out", tmp_path / "map.exr")
+    ran = procam("decode", photos, *size, tmp_path / "map.exr")
     assert (ran.code, ran.err) == (0, "")
     found = read_channels(tmp_path / "map.exr")
     x, y = _view()

@@ -1,4 +1,4 @@
-"""`procam compare`: its table, its JSON, its exit codes, and a line for everything that is wrong."""
+"""`procam venue compare`: its table, its JSON, its exit codes, and a line for everything that is wrong."""
 
 import json
 from collections.abc import Callable
@@ -74,7 +74,7 @@ def where(tmp_path_factory: pytest.TempPathFactory, calibration: Calibration) ->
 
 class TestTable:
     def test_the_same_twice(self, where: Path) -> None:
-        ran = procam("compare", where / "a", where / "a")
+        ran = procam("venue", "compare", where / "a", where / "a")
         assert (ran.code, ran.err) == (0, "")
         lines = ran.out.splitlines()
         assert lines[-1].startswith("verdict: the directions are the same to the last bit; ")
@@ -86,31 +86,31 @@ class TestTable:
 
     @pytest.mark.parametrize("other", ["a", "turned", "exchanged", "flipped", "bright", "grown"])
     def test_fits_a_screen(self, where: Path, other: str) -> None:
-        rows = procam("compare", where / "a", where / other).out.splitlines()
+        rows = procam("venue", "compare", where / "a", where / other).out.splitlines()
         assert max(len(row) for row in rows if not row.startswith(("A ", "B "))) <= WIDEST
 
     def test_a_rotation_is_not_a_failure(self, where: Path) -> None:
-        ran = procam("compare", where / "a", where / "turned")
+        ran = procam("venue", "compare", where / "a", where / "turned")
         assert ran.code == 0
         assert "the common rotation from B to A: 6.88 arcmin (x " in ran.out
         assert "z -6.88)" in ran.out
         assert "feedback" not in ran.out  # B has none
 
     def test_twice_the_feedback_fails(self, where: Path) -> None:
-        ran = procam("compare", where / "a", where / "bright")
+        ran = procam("venue", "compare", where / "a", where / "bright")
         assert ran.code == 1
         assert "verdict: the light differs, feedback by " in ran.out
 
     def test_only_another_radius_is_printed(self, where: Path) -> None:
-        ran = procam("compare", where / "a", where / "grown")
+        ran = procam("venue", "compare", where / "a", where / "grown")
         assert ran.code == 0
         (row,) = (row.split() for row in ran.out.splitlines() if row.startswith("  radius"))
         assert row[2:] == ["6.0000", "6.2500"]
         assert "degree" not in ran.out
-        assert "radius" not in procam("compare", where / "a", where / "a").out
+        assert "radius" not in procam("venue", "compare", where / "a", where / "a").out
 
     def test_exchanged_projectors_fail(self, where: Path) -> None:
-        ran = procam("compare", where / "a", where / "exchanged")
+        ran = procam("venue", "compare", where / "a", where / "exchanged")
         assert ran.code == 1
         assert ran.out.endswith(
             "verdict: A's south is B's north, A's north is B's south: wrong projector on the wire\n"
@@ -119,7 +119,7 @@ class TestTable:
 
 class TestJson:
     def test_contains_every_figure(self, where: Path) -> None:
-        ran = procam("compare", where / "a", where / "turned", "--json")
+        ran = procam("venue", "compare", where / "a", where / "turned", "--json")
         document = json.loads(ran.out, parse_constant=pytest.fail)
         assert document["a"] == str(where / "a")
         assert document["verdict"]["kind"] == "turned"
@@ -132,12 +132,12 @@ class TestJson:
         assert document["light"] == {}
 
     def test_contains_the_light(self, where: Path) -> None:
-        document = json.loads(procam("compare", where / "a", where / "a", "--json").out)
+        document = json.loads(procam("venue", "compare", where / "a", where / "a", "--json").out)
         assert document["light"]["feedback"]["first"] == [0.3, 0.33, 0.4]
         assert document["light"]["albedo"]["sigma"][0] == pytest.approx(0.01 * np.sqrt(2))
 
     def test_fails_with_the_document(self, where: Path) -> None:
-        ran = procam("compare", where / "a", where / "exchanged", "--json")
+        ran = procam("venue", "compare", where / "a", where / "exchanged", "--json")
         assert ran.code == 1
         assert json.loads(ran.out)["verdict"]["projectors"] == ["south", "north"]
 
@@ -146,7 +146,7 @@ class TestRefused:
     @pytest.fixture
     def refusal(self, where: Path) -> Callable[[str, str], str]:
         def refusal(first: str, second: str) -> str:
-            ran = procam("compare", where / first, where / second)
+            ran = procam("venue", "compare", where / first, where / second)
             assert ran.code == 2
             return ran.complaint
 

@@ -1,4 +1,4 @@
-"""`procam patterns` and `procam decode`: plain structured light with folders of pictures."""
+"""`procam session plan` and `procam decode`: plain structured light with folders of pictures."""
 
 import json
 import shutil
@@ -56,7 +56,6 @@ class TestDecode:
             "gray",
             "--size",
             "1024x768",
-            "--out",
             out,
             *limits,
             "--json",
@@ -82,7 +81,6 @@ class TestDecode:
             "gray",
             "--size",
             "24x10",
-            "--out",
             tmp_path / "m.exr",
         )
         assert ran.code == 0
@@ -94,7 +92,7 @@ class TestDecode:
 
     def test_a_wrong_number_of_pictures(self, photos: Path, tmp_path: Path) -> None:
         out = tmp_path / "map.exr"
-        ran = procam("decode", photos, "--code", "gray", "--size", "1280x800", "--out", out)
+        ran = procam("decode", photos, "--code", "gray", "--size", "1280x800", out)
         assert (ran.code, out.exists()) == (2, False)
         assert (
             "there are 42 pictures, and the code gray of a projector of 1280x800 needs 44"
@@ -106,7 +104,7 @@ class TestDecode:
             (empty, "there are 0 pictures"),
             (tmp_path / "gone", "no such folder"),
         ):
-            ran = procam("decode", folder, "--size", "64x64", "--out", out)
+            ran = procam("decode", folder, "--size", "64x64", out)
             assert (ran.code, message in ran.complaint) == (2, True)
 
     def test_stripes_from_fine_to_coarse(self, photos: Path, tmp_path: Path) -> None:
@@ -116,14 +114,12 @@ class TestDecode:
         pairs = [*range(9, -1, -1), *range(19, 9, -1), 20]
         for number, old in enumerate(2 * pair + i for pair in pairs for i in (0, 1)):
             shutil.copy(photos / f"{old:02d}.png", folder / f"{number:02d}.png")
-        ran = procam(
-            "decode", folder, "--code", "gray", "--size", "1024x768", "--out", tmp_path / "map.exr"
-        )
+        ran = procam("decode", folder, "--code", "gray", "--size", "1024x768", tmp_path / "map.exr")
         assert "agree with the code gray of a 1024x768 projector" in ran.out + ran.err
 
     def test_a_wrong_count_is_answered_with_what_would_fit(self, tmp_path: Path) -> None:
-        assert procam("patterns", "--size", "64x40", "--out", tmp_path / "p").code == 0
-        arguments = ("decode", tmp_path / "p", "--size", "64x40", "--out", tmp_path / "m.exr")
+        assert procam("lens", "patterns", tmp_path / "p", "--size", "64x40").code == 0
+        arguments = ("decode", tmp_path / "p", "--size", "64x40", tmp_path / "m.exr")
         ran = procam(*arguments, "--code", "gray")
         assert ran.code == 2
         assert "needs 26 (of procam's own codes there: micro-phase 18, gray 26, " in ran.complaint
@@ -133,16 +129,14 @@ class TestDecode:
     def test_names_without_zeros_are_in_order(self, tmp_path: Path) -> None:
         folder = tmp_path / "plain"
         straight_on(folder, [f"img_{number}.tif" for number in range(20)])
-        ran = procam(
-            "decode", folder, "--code", "gray", "--size", "24x10", "--out", tmp_path / "map.exr"
-        )
+        ran = procam("decode", folder, "--code", "gray", "--size", "24x10", tmp_path / "map.exr")
         assert (ran.code, "exchanged" in ran.out) == (0, False)
         x = np.arange(72) // 3
         np.testing.assert_array_equal(read_channels(tmp_path / "map.exr")["projector.x"][0], x)
 
     def test_other_files_are_not_overwritten(self, photos: Path, tmp_path: Path) -> None:
         (tmp_path / "map-look.png").write_text("precious")
-        arguments = ("decode", photos, "--code", "gray", "--size", "1024x768", "--out")
+        arguments = ("decode", photos, "--code", "gray", "--size", "1024x768")
         ran = procam(*arguments, tmp_path / "map.exr")
         assert (ran.code, "map-look.png exists already" in ran.complaint) == (2, True)
         assert (tmp_path / "map-look.png").read_text() == "precious"
@@ -158,7 +152,7 @@ class TestDecode:
             write_image(folder / f"{number:02d}.png", np.full((60, 80), 7, np.uint8))
         ran = procam(
             *("decode", folder, "--size", "64x40", "--code", "micro-phase"),
-            *("--out", tmp_path / "map.exr"),
+            tmp_path / "map.exr",
         )
         assert (ran.code, "all 18 are alike, level 7" in ran.complaint) == (2, True)
 
@@ -166,9 +160,7 @@ class TestDecode:
         folder = tmp_path / "mixed"
         shutil.copytree(photos, folder)
         write_image(folder / "07.png", np.zeros((256, 380), np.uint8))
-        ran = procam(
-            "decode", folder, "--code", "gray", "--size", "1024x768", "--out", tmp_path / "map.exr"
-        )
+        ran = procam("decode", folder, "--code", "gray", "--size", "1024x768", tmp_path / "map.exr")
         assert (ran.code, ran.err) == (0, "")
         left_out, missing, *_ = ran.out.splitlines()
         assert (
@@ -187,21 +179,19 @@ class TestDecode:
         shutil.copytree(photos, folder)
         path = folder / "30.png"
         path.write_bytes(path.read_bytes()[:4000])
-        ran = procam(
-            "decode", folder, "--code", "gray", "--size", "1024x768", "--out", tmp_path / "map.exr"
-        )
+        ran = procam("decode", folder, "--code", "gray", "--size", "1024x768", tmp_path / "map.exr")
         assert (ran.code, "30.png is truncated" in ran.complaint) == (2, True)
         assert not (tmp_path / "map.exr").exists()
 
     @pytest.mark.parametrize("size", ["1024x", "0x768", "1024X768", "-4x8", ""])
     def test_a_bad_size(self, size: str, photos: Path, tmp_path: Path) -> None:
         out = tmp_path / "map.exr"
-        ran = procam("decode", photos, f"--size={size}", "--out", out)
+        ran = procam("decode", photos, f"--size={size}", out)
         assert (ran.code, out.exists()) == (2, False)
         assert f"--size: {size!r} is not of the form WIDTHxHEIGHT" in ran.complaint
 
     def test_an_unknown_code(self, photos: Path, tmp_path: Path) -> None:
-        arguments = ("--size", "1024x768", "--out", tmp_path / "m.exr", "--code", "morse")
+        arguments = ("--size", "1024x768", tmp_path / "m.exr", "--code", "morse")
         ran = procam("decode", photos, *arguments)
         expected = f"code: 'morse' is not a structured-light code of this version; choose {', '.join(CODES)}"
         assert (ran.code, expected in ran.complaint) == (2, True)

@@ -1,6 +1,7 @@
-"""`procam response`, `glare` and `vignetting`, and photographs whose response is solved at ingest."""
+"""`procam lens response`, `glare` and `vignetting`, and photographs whose response is solved at ingest."""
 
 import json
+import re
 import shutil
 import tomllib
 from pathlib import Path
@@ -29,6 +30,10 @@ BLACK = 200.0
 ROWS, COLUMNS = np.indices((SIZE, SIZE))
 RADIUS = np.hypot(ROWS - MIDDLE, COLUMNS - MIDDLE)
 V1 = -0.15
+RESPONSE, GLARE, VIGNETTING = (
+    ("lens", name, "--photos") for name in ("response", "glare", "vignetting")
+)
+ROW = r"vignetting = \[.*\]  # \+- [^#]*; seen to 76 degrees off the axis"
 
 
 def scene() -> Array:
@@ -78,33 +83,65 @@ def refused(*arguments: object) -> str:
     return ran.complaint
 
 
+@pytest.fixture
+def venue(tmp_path: Path) -> Path:
+    """A venue of two cameras; pictures of `zenith` are small."""
+    text = template_text("by-hand")
+    for old, new in (
+        ("size = [4000, 4000]", f"size = [{SIZE}, {SIZE}]"),
+        ("f = [1160.0, 1160.0]", f"f = [{FOCAL}, {FOCAL}]"),
+        ("c = [1999.5, 1999.5]", f"c = [{MIDDLE}, {MIDDLE}]"),
+        # without the owner's comments, which stay, and without a key that has none
+        (re.search("vignetting = .*", text)[0], f"vignetting = [{V1}]"),
+        ("glare_sigma = 0.01\n", ""),
+        ("\n[cameras.side]", "\n# The other one.\n[cameras.side]"),
+    ):
+        text = edit(old, new, text)
+    (tmp_path / "venue.toml").write_text(text, "utf-8")
+    return tmp_path
+
+
+def toml_of(venue: Path, camera: str = "zenith") -> tuple[str, dict]:
+    """The text of venue.toml, and the keys of a camera in it."""
+    text = (venue / "venue.toml").read_text("utf-8")
+    return text, tomllib.loads(text)["cameras"][camera]
+
+
+def where(venue: Path, camera: str = "zenith") -> tuple[object, ...]:
+    return "--into", venue, "--camera", camera
+
+
 class TestResponse:
-    def test_with_given_exposures(self, brackets: Path, tmp_path: Path) -> None:
-        out = tmp_path / "zenith.csv"
-        ran = procam("response", brackets, "--exposures", EXPOSURES, "--out", out)
+    def test_with_given_exposures(self, brackets: Path, venue: Path) -> None:
+        before, _ = toml_of(venue, "side")
+        ran = procam(*RESPONSE, brackets, "--exposures", EXPOSURES, *where(venue, "side"))
         assert (ran.code, ran.err) == (0, "")
-        assert 'set response = "zenith.csv"' in ran.out
-        response = load_response("zenith.csv", tmp_path)
+        assert f"{venue / 'venue.toml'} written: [cameras.side]" in ran.out
+        after, table = toml_of(venue, "side")
+        head, found, rest = before.rpartition('response = "linear"')
+        assert found and after == f'{head}response = "side-response.csv"{rest}'
+        response = load_response(table["response"], venue)
         assert response is not None
         levels, light = response
         np.testing.assert_allclose(levels, np.arange(256) / 255, rtol=1e-15)
         assert np.sqrt(np.mean((light - srgb_decode(levels)) ** 2)) < 0.005
 
-    def test_with_headers_and_json(
-        self, brackets: Path, shots: list[Array], tmp_path: Path
-    ) -> None:
+    def test_with_headers_and_json(self, brackets: Path, shots: list[Array], venue: Path) -> None:
         put_headers(brackets, shots)
-        ran = procam("response", brackets, "--out", tmp_path / "a.csv", "--json")
-        document = json.loads(ran.out)
+        (venue / "zenith-response.csv").write_text("of another day")
+        document = json.loads(procam(*RESPONSE, brackets, *where(venue), "--json").out)
+        assert document["out"] == str(venue / "zenith-response-2.csv")
         assert document["residual"] < 0.005 and document["largest_sigma"] < 0.01
         np.testing.assert_allclose(document["exposures_s"], SECONDS, rtol=0.01)
-        levels, light = load_response("a.csv", tmp_path) or ((), ())
+        assert toml_of(venue)[1]["response"] == "zenith-response-2.csv"
+        levels, light = load_response("zenith-response-2.csv", venue) or ((), ())
         np.testing.assert_array_equal(document["light"], light)
         np.testing.assert_array_equal(document["levels"], levels)
+        assert (venue / "zenith-response.csv").read_text() == "of another day"
 
-    def test_refusals(self, brackets: Path, shots: list[Array], tmp_path: Path) -> None:
-        out = tmp_path / "a.csv"
-        command = ("response", brackets, "--out", out, "--exposures")
+    def test_refusals(self, brackets: Path, shots: list[Array], venue: Path) -> None:
+        before, _ = toml_of(venue)
+        command = (*RESPONSE, brackets, *where(venue), "--exposures")
         assert "--exposures: 'fast' is no exposure" in refused(*command, "1,fast,3,4")
         assert "--exposures: '1/0' is no exposure" in refused(*command, "1/0,1,2,3")
         assert "3 exposures were given for 4 photographs; give one for each" in refused(
@@ -113,10 +150,9 @@ class TestResponse:
         assert "0.png has no exposure in its header" in refused(*command[:-1])
         message = refused(*command, "1,1/4,1/16,1/64")
         assert f"{brackets} (0.png, 1.png, 2.png, 3.png): brackets: photographs 4 and 3" in message
-        assert "must end in .csv" in refused("response", brackets, "--out", tmp_path / "a.toml")
-        (tmp_path / "b.csv").mkdir()
-        assert "this is a folder" in refused("response", brackets, "--out", tmp_path / "b.csv")
-        assert "no such folder" in refused("response", tmp_path / "gone", "--out", out)
+        assert "no such folder" in refused(*RESPONSE, venue / "gone", *where(venue))
+        assert "--camera 'b' is not in" in refused(*RESPONSE, brackets, *where(venue, "b"))
+        assert "no such file" in refused(*RESPONSE, brackets, *where(brackets))
         put_headers(brackets, shots)
         with_header(brackets / "1.png", shots[1], ExposureTime=0.06, FNumber=11.0)
         assert "differ in aperture f/ (0.png 8.0, 1.png 11.0" in refused(*command, EXPOSURES)
@@ -124,7 +160,7 @@ class TestResponse:
         assert "differ in bits (0.png 8, 1.png 16" in refused(*command, EXPOSURES)
         (brackets / "1.png").write_bytes(b"no picture")
         assert "1.png is not a readable image" in refused(*command, EXPOSURES)
-        assert not out.exists()
+        assert toml_of(venue)[0] == before and not [*venue.glob("*.csv")]
 
 
 class TestVenue:
@@ -134,10 +170,7 @@ class TestVenue:
         ("new", "message"),
         [
             ('response = "solve"', "cameras.zenith.brackets is missing: response"),
-            (
-                'response = "linear"\nbrackets = "b"',
-                "cameras.zenith.brackets is for response",
-            ),
+            ('response = "linear"\nbrackets = "b"', "cameras.zenith.brackets is for response"),
             (
                 'response = "solve"\nbrackets = "b"',
                 "cameras.zenith.brackets: {}/b: no such folder; photographs",
@@ -154,7 +187,7 @@ class TestIngest:
     def session(self, tmp_path: Path) -> Path:
         size = SceneSize(projectors=1, projector_size=(160, 100), camera_size=(180, 120), rays=64)
         make_venue(tmp_path, size=size)
-        ran = procam("patterns", tmp_path, "--out", tmp_path / "pictures", "--json")
+        ran = procam("session", "plan", tmp_path, tmp_path / "pictures", "--json")
         return Path(json.loads(ran.out)["session"])
 
     def ingest(self, session: Path, pixels: Array, shot: str) -> Ran:
@@ -164,7 +197,17 @@ class TestIngest:
         write_image(photos / "a.png", np.repeat(pixels[..., None], 3, axis=2))
         index = photos / "index.csv"
         index.write_text(f"a.png,{shot}\n")
-        command = ("ingest", session, "--camera", CAMERA, "--photos", photos, "--index", index)
+        command = (
+            "session",
+            "add",
+            session,
+            "--camera",
+            CAMERA,
+            "--photos",
+            photos,
+            "--index",
+            index,
+        )
         return procam(*command)
 
     def test_solves_once_and_keeps_it(
@@ -201,20 +244,6 @@ class TestIngest:
         assert kept.read_bytes() == stored
 
 
-@pytest.fixture
-def venue(tmp_path: Path) -> Path:
-    text = template_text("by-hand")
-    for old, new in (
-        ("size = [4000, 4000]", f"size = [{SIZE}, {SIZE}]"),
-        ("f = [1160.0, 1160.0]", f"f = [{FOCAL}, {FOCAL}]"),
-        ("c = [1999.5, 1999.5]", f"c = [{MIDDLE}, {MIDDLE}]"),
-        ("vignetting = []", f"vignetting = [{V1}]"),
-    ):
-        text = edit(old, new, text)
-    (tmp_path / "venue.toml").write_text(text, "utf-8")
-    return tmp_path
-
-
 def darkened(light: Array, black: float = BLACK) -> Array:
     """Counts behind an equidistant fisheye that darkens to its rim."""
     counts = black + 45000 * light * (1 + V1 * (RADIUS / FOCAL) ** 2)
@@ -228,48 +257,50 @@ def trapped(x: int, y: int, glare: float) -> Array:
 
 
 class TestGlare:
-    def test_lines_for_the_venue(self, venue: Path) -> None:
+    def test_keys_of_the_venue(self, venue: Path) -> None:
+        """Nothing else changes: a new key stands below the last one, and its owner's comments stay."""
+        (venue / "desk").mkdir()
         for name, (x, y) in (("a", (80, 70)), ("b", (50, 90))):
-            write_image(venue / f"{name}.tif", darkened(trapped(x, y, 0.012)))
+            write_image(venue / "desk" / f"{name}.tif", darkened(trapped(x, y, 0.012)))
         write_image(venue / "cap.tif", darkened(np.zeros((SIZE, SIZE))))
-        out = venue / "glare.toml"
-        where = ("--venue", venue, "--camera", "zenith", "--out", out)
-        traps = ("--trap", "80,70,8", "--trap", "50,90,8")
-        photos, cap = (venue / "a.tif", venue / "b.tif"), ("--dark", venue / "cap.tif")
-        ran = procam("glare", *photos, *traps, *cap, *where)
+        before, _ = toml_of(venue)
+        traps = ("--trap", "80,70,8", "--trap", "50,90,8", "--dark", venue / "cap.tif")
+        ran = procam(*GLARE, venue / "desk", *traps, *where(venue))
         assert (ran.code, ran.err) == (0, "")
         assert "The hole's radius is 5.0% of the picture" in ran.out
-        table = tomllib.loads(out.read_text())["cameras"]["zenith"]
+        after, table = toml_of(venue)
         assert table["black_level"] == pytest.approx(BLACK, abs=0.5)
         assert table["glare"] == pytest.approx(0.012, abs=1e-4)
         assert table["glare_sigma"] == pytest.approx(5e-4, rel=0.1)
-        again = procam("glare", *photos, *traps, *cap, *where)
-        assert (again.code, "this file exists already" in again.err) == (2, True)
-        out.unlink()
-        ran = procam("glare", *photos, *traps, *cap, *where, "--json")
+        for old, new in (
+            ("black_level = 0.0 ", f"black_level = {table['black_level']} "),
+            ("glare = 0.0 ", f"glare = {table['glare']} "),
+            ("\n\n# The other", f"\nglare_sigma = {table['glare_sigma']}\n\n# The other"),
+        ):
+            before = before.replace(old, new, 1)
+        assert after == before
+        ran = procam(*GLARE, venue / "desk", *traps, *where(venue), "--json")
         document = json.loads(ran.out)
         assert len(document["glare"]["each"]) == 2 and document["black_level"]["sigma"] < 2
+        assert toml_of(venue)[0] == after
 
     def test_merged_exposures(self, venue: Path) -> None:
         light = trapped(80, 70, 0.012) * (1 + V1 * (RADIUS / FOCAL) ** 2)
         (venue / "merged").mkdir()
         write_channels(venue / "merged" / "a.exr", dict.fromkeys("RGB", 3e5 * light))
-        out = venue / "glare.toml"
-        where = ("--venue", venue, "--camera", "zenith", "--out", out)
-        assert procam("glare", venue / "merged", "--trap", "80,70,8", *where).code == 0
-        assert tomllib.loads(out.read_text())["cameras"]["zenith"]["glare"] == 0.012
+        assert procam(*GLARE, venue / "merged", "--trap", "80,70,8", *where(venue)).code == 0
+        assert toml_of(venue)[1]["glare"] == 0.012
 
     def test_refusals(self, venue: Path) -> None:
         write_image(venue / "a.tif", darkened(trapped(80, 70, 0.012)))
         write_image(venue / "eight.png", np.full((SIZE, SIZE), 90, np.uint8))
         write_image(venue / "small.tif", np.full((40, 50), 900, np.uint16))
         (venue / "empty").mkdir()
-        out = venue / "glare.toml"
+        before, _ = toml_of(venue)
 
         def of(photo: str = "a.tif", trap: str = "80,70,8", camera: str = "zenith", **more) -> str:
-            where = ("--venue", venue, "--camera", camera, "--out", more.pop("out", out))
             rest = [x for key, value in more.items() for x in (f"--{key}", value)]
-            return refused("glare", venue / photo, "--trap", trap, *where, *rest)
+            return refused(*GLARE, venue / photo, "--trap", trap, *where(venue, camera), *rest)
 
         assert "eight.png: 8 bits are too coarse" in of("eight.png")
         assert "small.tif: the photograph has 50x40 px" in of("small.tif")
@@ -278,34 +309,40 @@ class TestGlare:
         assert "--camera 'b' is not in venue.toml; choose one of zenith, side" in of(camera="b")
         for trap in ("80,70", "80,x,8", "80,70,-8", "nan,70,8"):
             assert f"--trap {trap!r} is not X,Y,RADIUS" in of(trap=trap)
-        assert "--trap is given 3 times for 2 photographs; give it once for all" in refused(
-            *("glare", venue / "a.tif", venue / "a.tif", "--venue", venue, "--camera", "zenith"),
-            *("--trap", "80,70,8") * 3,
-            *("--out", out),
-        )
+        traps = ("--trap", "80,70,8") * 3
+        message = refused(*GLARE, venue / "a.tif", *traps, *where(venue))
+        assert "--trap is given 3 times for 1 photographs; give it once for all" in message
         assert "--trap-sigma is 2; it must be a share" in of(**{"trap-sigma": "2"})
-        assert "glare.csv: its name must end in .toml" in of(out=venue / "glare.csv")
         assert "the trap has 11" in of(trap="40,40,8")
         assert "dark: the photograph has up to" in of(dark=venue / "a.tif")
-        assert not out.exists()
+        assert toml_of(venue)[0] == before
 
 
 class TestVignetting:
-    def test_prints_its_line(self, venue: Path) -> None:
+    def test_its_key(self, venue: Path) -> None:
+        """The standard errors of a second run replace those of the first."""
         paper = 0.8 * (1 + 0.1 * (COLUMNS - MIDDLE) / MIDDLE)
         (venue / "flat").mkdir()
         for turn in range(4):
             write_image(venue / "flat" / f"{turn}.tif", darkened(np.rot90(paper, turn), 0.0))
-        where = ("--venue", venue, "--camera", "zenith")
-        ran = procam("vignetting", venue / "flat", *where)
-        assert (ran.code, ran.err) == (0, "")
-        line = ran.out.splitlines()[0]
-        np.testing.assert_allclose(tomllib.loads(line)["vignetting"], [V1, 0.0], atol=2e-3)
-        document = json.loads(procam("vignetting", venue / "flat", *where, "--json").out)
+        rows = []
+        for tint in (1.0, 0.5):
+            write_image(venue / "flat" / "0.tif", darkened(tint * paper, 0.0))
+            before, _ = toml_of(venue)
+            ran = procam(*VIGNETTING, venue / "flat", *where(venue))
+            assert (ran.code, ran.err) == (0, "")
+            after, table = toml_of(venue)
+            np.testing.assert_allclose(table["vignetting"], [V1, 0.0], atol=2e-3)
+            (row,) = set(after.splitlines()) - set(before.splitlines())
+            assert re.fullmatch(ROW, row) and row in ran.out
+            assert len(after.splitlines()) == len(before.splitlines())
+            rows.append(row)
+        assert len(set(rows)) == 2
+        document = json.loads(procam(*VIGNETTING, venue / "flat", *where(venue), "--json").out)
         assert document["uneven"] < 0.001 and document["reach_deg"] == pytest.approx(76, abs=1)
 
     def test_refuses_one_photograph_of_uneven_light(self, venue: Path) -> None:
         paper = 0.8 * (1 + 0.2 * (COLUMNS - MIDDLE) / MIDDLE)
         write_image(venue / "flat.tif", darkened(paper, 0.0))
-        where = ("--venue", venue, "--camera", "zenith")
-        assert "round the axis, more than 3%" in refused("vignetting", venue / "flat.tif", *where)
+        message = refused(*VIGNETTING, venue / "flat.tif", *where(venue))
+        assert "round the axis, more than 3%" in message

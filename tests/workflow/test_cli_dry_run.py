@@ -1,4 +1,4 @@
-"""`procam capture VENUE --dry-run`: what a session costs, and the order in which it is taken."""
+"""`procam session capture VENUE --dry-run`: what a session costs, and the order in which it is taken."""
 
 import json
 from pathlib import Path
@@ -81,8 +81,8 @@ class TestWork:
 class TestDryRun:
     def test_lists_all_and_touches_nothing(self, tmp_path: Path) -> None:
         make_venue(tmp_path, size=TINY_PAIR)
-        said = procam("capture", tmp_path, "--dry-run")
-        message = procam("capture", tmp_path, "--dry-run", "--json")
+        said = procam("session", "capture", tmp_path, "--dry-run")
+        message = procam("session", "capture", tmp_path, "--dry-run", "--json")
         document = json.loads(message.out)
         assert (said.code, message.code, said.err, message.err) == (0, 0, "", "")
         total = "{shots} shots, {exposures} exposures, {minutes} min, {gigabytes} GB"

@@ -42,7 +42,7 @@ def described(folder: Path, text: str) -> Path:
 def decoded(folder: Path, out: Path, *arguments: object) -> tuple[np.ndarray, np.ndarray, str]:
     """Columns and rows (H, W, 2), their standard error (H, W), and what was printed."""
     size = ("--size", f"{SIZE[0]}x{SIZE[1]}")
-    ran = procam("decode", folder, *size, "--out", out, *map(str, arguments))
+    ran = procam("decode", folder, *size, out, *map(str, arguments))
     assert (ran.code, ran.err) == (0, "")
     found = read_channels(out)
     return np.stack([found["projector.x"], found["projector.y"]], -1), found["sigma"], ran.out
@@ -84,7 +84,7 @@ def test_patterns_then_inverses(tmp_path: Path) -> None:
 def test_patterns_of_a_described_code(tmp_path: Path) -> None:
     path = described(tmp_path, PHASES)
     out = tmp_path / "pictures"
-    assert procam("patterns", "--size", "64x48", "--code", str(path), "--out", out).code == 0
+    assert procam("lens", "patterns", out, "--size", "64x48", "--code", str(path)).code == 0
     # white, black, 2 x 3 phases and 2 bits of 4 cells, 3 phases and 2 bits of 3 cells with inverses
     assert len(list(out.iterdir())) == 2 + 6 + 2 + 3 + 4
 
@@ -116,13 +116,14 @@ def test_patterns_of_a_described_code(tmp_path: Path) -> None:
 def test_descriptions_that_are_refused(text: str, message: str, tmp_path: Path) -> None:
     path = described(tmp_path, text)
     out = tmp_path / "pictures"
-    ran = procam("patterns", "--size", "64x48", "--code", str(path), "--out", out)
+    ran = procam("lens", "patterns", out, "--size", "64x48", "--code", str(path))
     assert (ran.code, message in ran.complaint, out.exists()) == (2, True, False)
 
 
 def test_a_description_that_is_not_there(tmp_path: Path) -> None:
-    arguments = ("--size", "64x48", "--code", tmp_path / "gone.toml", "--out", tmp_path / "p")
-    ran = procam("patterns", *map(str, arguments))
+    ran = procam(
+        "lens", "patterns", tmp_path / "p", "--size", "64x48", "--code", tmp_path / "gone.toml"
+    )
     assert (ran.code, "gone.toml: there is no such file" in ran.complaint) == (2, True)
 
 
@@ -151,7 +152,7 @@ class TestFaultySets:
         short = Set(taken.photographs[:14] + taken.photographs[16:], taken.truth)
         folder = written(tmp_path / "photos", short)
         size = ("--size", f"{SIZE[0]}x{SIZE[1]}", "--code", "gray")
-        ran = procam("decode", folder, *size, "--out", tmp_path / "m.exr")
+        ran = procam("decode", folder, *size, tmp_path / "m.exr")
         assert (ran.code, "there are 30 pictures, and the code gray" in ran.complaint) == (2, True)
 
     def test_a_jump_of_exposure(self, tmp_path: Path) -> None:
@@ -171,7 +172,7 @@ class TestFaultySets:
         taken = photograph(lines, np.random.default_rng(26))
         folder = written(tmp_path / "photos", taken)
         size = ("--size", f"{SIZE[0]}x{SIZE[1]}", "--code", "gray")
-        ran = procam("decode", folder, *size, "--out", tmp_path / "m.exr")
+        ran = procam("decode", folder, *size, tmp_path / "m.exr")
         refusal = f"img_{len(lines) - 1}.png should show black"
         assert (ran.code, refusal in ran.complaint) == (2, True)
         xy, sigma, said = decoded(folder, tmp_path / "m.exr", "--code", "gray", "--anyway")

@@ -1,15 +1,16 @@
-"""`procam compensate` and `procam warp` on numbered pictures: what is kept, resumed and refused."""
+"""`procam compensate`, to the screen and to projectors, on numbered pictures: what is kept and refused."""
 
 import csv
 import json
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
-from tiny_venue import procam
+from tiny_venue import Ran, procam, warped
 from tolerances import FLOAT32
 
 from procam.compensate.compensator import Compensator
@@ -258,11 +259,11 @@ class TestRefused:
         assert not (tmp_path / "out" / bad.name).exists()
         assert not list((tmp_path / "out").glob(".*"))
 
-    @pytest.mark.parametrize("command", ["compensate", "warp"])
-    def test_gaps(self, command: str, kept: Path, tmp_path: Path) -> None:
+    @pytest.mark.parametrize("run", [partial(procam, "compensate"), warped])
+    def test_gaps(self, run: Callable[..., Ran], kept: Path, tmp_path: Path) -> None:
         source = shoot(tmp_path / "in")
         (source / f"sky.{FIRST + 1:04d}.exr").unlink()
-        ran = procam(command, kept, source / "sky.%04d.exr", tmp_path / "out")
+        ran = run(kept, source / "sky.%04d.exr", tmp_path / "out")
         words = f": sky.{FIRST + 1:04d}.exr missing between"
         assert (ran.code, words in ran.complaint) == (2, True)
         assert not (tmp_path / "out").exists()
@@ -365,34 +366,34 @@ class TestWarp:
         self, calibration: Calibration, kept: Path, tmp_path: Path
     ) -> None:
         source, out = shoot(tmp_path / "in"), tmp_path / "frames"
-        ran = procam("warp", kept, source, out, "--json")
+        ran = warped(kept, source, out, "--json")
         assert (ran.code, ran.err) == (0, "")
         message = json.loads(ran.out)["frames"]
         assert message == [str(out / p / "sky.####.png") for p in ("south", "north")]
-        warper = Warper(calibration, SIZE, np.uint16)
+        warper, clamp = Warper(calibration, SIZE, np.uint16), Compensator(calibration, SIZE, "none")
         for number in NUMBERS:
-            light = np.asarray(sky(number - FIRST), np.float32)
+            light = clamp.frame(np.asarray(sky(number - FIRST), np.float32))
             for name, frame in warper.frame(light).items():
                 found = read_image(out / name / f"sky.{number:04d}.png")
                 np.testing.assert_array_equal(found, frame)
 
     def test_it_resumes(self, kept: Path, tmp_path: Path) -> None:
         source, out = shoot(tmp_path / "in"), tmp_path / "frames"
-        assert procam("warp", kept, source, out).code == 0
+        assert warped(kept, source, out).code == 0
         first = {p: p.stat().st_mtime_ns for p in out.rglob("*.png")}
         (out / "south" / f"sky.{FIRST:04d}.png").unlink()
-        assert procam("warp", kept, source, out).code == 0
+        assert warped(kept, source, out).code == 0
         again = {p: p.stat().st_mtime_ns for p in out.rglob("*.png")}
         assert {p.stem for p in first if again[p] != first[p]} == {f"sky.{FIRST:04d}"}
 
     def test_into_its_own_source_is_refused(self, kept: Path, tmp_path: Path) -> None:
         shoot(tmp_path / "south", ".png", np.uint16)
-        ran = procam("warp", kept, tmp_path / "south", tmp_path)
+        ran = warped(kept, tmp_path / "south", tmp_path)
         assert (ran.code, "is IN itself" in ran.complaint) == (2, True)
 
     def test_a_calibration_that_has_not_measured_light(self, kept: Path, tmp_path: Path) -> None:
         source = shoot(tmp_path / "in")
         dark = spoiled(kept, tmp_path / "dark", {f"hi.{c}": 0 for c in RGB})
-        ran = procam("warp", dark, source, tmp_path / "frames")
+        ran = warped(dark, source, tmp_path / "frames")
         assert (ran.code, "has no photometry" in ran.complaint) == (2, True), ran
         assert not (tmp_path / "frames").exists()

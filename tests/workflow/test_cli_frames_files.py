@@ -1,4 +1,4 @@
-"""What `procam compensate` and `procam warp` would write over, and the pictures that explain."""
+"""What `procam compensate` would write over, and the pictures that explain."""
 
 import os
 from collections.abc import Callable
@@ -50,6 +50,9 @@ def assert_refused(folder: Path, command: str, words: str, *arguments: object) -
     assert contents(folder) == before
 
 
+FRAMES = ("--to", "projectors")
+
+
 class TestOverwriting:
     @pytest.mark.parametrize(
         ("source", "out", "more", "words"),
@@ -99,17 +102,44 @@ class TestOverwriting:
 
     def test_by_frames_of_projectors(self, kept: Path, tmp_path: Path) -> None:
         still = picture(tmp_path / "w2" / "north.png")
-        assert_refused(tmp_path, "warp", "north.png is IN itself", kept, still, still.parent)
+        assert_refused(
+            tmp_path,
+            "compensate",
+            "north.png is IN itself",
+            kept,
+            still,
+            still.parent,
+            "--to",
+            "projectors",
+        )
         for number in range(8, 12):
             picture(tmp_path / "north" / f"sky.{number}.png")
         source = tmp_path / "north" / "sky.%d.png"
-        assert_refused(tmp_path, "warp", "sky.8.png is IN itself", kept, source, tmp_path)
+        assert_refused(
+            tmp_path,
+            "compensate",
+            "sky.8.png is IN itself",
+            kept,
+            source,
+            tmp_path,
+            "--to",
+            "projectors",
+        )
 
     def test_by_movies_of_projectors(self, kept: Path, tmp_path: Path) -> None:
         pytest.importorskip("av", reason="needs the extra `video`")
         source = tmp_path / "south.mkv"
         source.write_bytes(b"a movie")
-        assert_refused(tmp_path, "warp", "south.mkv is IN itself", kept, source, tmp_path)
+        assert_refused(
+            tmp_path,
+            "compensate",
+            "south.mkv is IN itself",
+            kept,
+            source,
+            tmp_path,
+            "--to",
+            "projectors",
+        )
 
     def test_what_is_apart_is_not_refused(self, tmp_path: Path) -> None:
         source = picture(tmp_path / "a.png")

@@ -34,7 +34,7 @@ class TestAFileOnTheWay:
         for more in ((), ("--movie",)):
             if more:
                 pytest.importorskip("av", reason="needs the extra `video`")
-            ran = procam("patterns", venue.directory, "--out", notes / under, *more)
+            ran = procam("session", "plan", venue.directory, notes / under, *more)
             assert (ran.code, "a file is where a folder must be" in ran.complaint) == (2, True)
             assert not (venue.directory / "sessions").exists()
 
@@ -42,8 +42,8 @@ class TestAFileOnTheWay:
         for command in (
             ("init", notes, "--template", "simulated-standard"),
             ("init", notes / "sub", "--template", "simulated-standard"),
-            ("patterns", "--size", "64x40", "--out", notes),
-            ("patterns", "--size", "64x40", "--out", notes / "sub"),
+            ("lens", "patterns", notes, "--size", "64x40"),
+            ("lens", "patterns", notes / "sub", "--size", "64x40"),
         ):
             ran = procam(*command)
             assert ran.code == 2
@@ -86,7 +86,7 @@ class TestIndex:
 
 
 def test_a_solve_names_the_photographs_that_are_missing(venue: Venue) -> None:
-    ran = procam("patterns", venue.directory, "--out", venue.directory / "out", "--json")
+    ran = procam("session", "plan", venue.directory, venue.directory / "out", "--json")
     session = Session(Path(json.loads(ran.out)["session"]))
     plan = session.read_plan()
     counts = np.zeros((TINY.camera_size[1], TINY.camera_size[0]), np.uint16)
@@ -102,4 +102,4 @@ def test_a_solve_names_the_photographs_that_are_missing(venue: Venue) -> None:
     assert f"hand-0001: no photographs by camera {CAMERA} of {named} and 2 more" in str(
         message.value
     )
-    assert "photograph them and `procam ingest` again" in str(message.value)
+    assert "photograph them and `procam session add` again" in str(message.value)

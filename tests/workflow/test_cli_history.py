@@ -1,14 +1,15 @@
-"""`procam history`: what it lists, compares, plots, exports, restores and deletes, and what it refuses."""
+"""`procam venue`: what it lists, compares, plots, exports, restores and deletes, and what it refuses."""
 
 import json
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 from tiny_venue import make_venue, procam, quick_simulator, take_session
 
 from procam.files.history.record import recorded
-from procam.files.images.pixels import read_header
+from procam.files.images.pixels import read_header, write_image
 from procam.files.session import Session
 from procam.files.venue.load import load_venue
 from procam.workflows.capture.newest import newest_session
@@ -21,7 +22,7 @@ def twice(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with quick_simulator():
         take_session(make_venue(folder))
         for _ in range(2):
-            assert procam("solve", folder / "sessions" / "0001").code == 0
+            assert procam("session", "solve", folder / "sessions" / "0001").code == 0
         assert procam("state", folder, "full", "--photos", folder).code == 2
     return folder
 
@@ -32,24 +33,24 @@ def venue(twice: Path, tmp_path: Path) -> Path:
 
 
 def test_lists_runs_and_calibrations(venue: Path) -> None:
-    ran = procam("history", venue)
+    ran = procam("venue", "status", venue)
     assert ran.code == 0
     head, first, second, third, _, calibrations = ran.out.splitlines()
     assert head.split()[0] == "run"
-    assert first.split()[0] == "1" and first.endswith("solve       done     wrote 0001")
-    assert second.endswith("solve       done     wrote 0002")
-    assert "state       refused  --photos is for venues" in third
+    assert first.split()[0] == "1" and first.endswith("session solve    done     wrote 0001")
+    assert second.endswith("session solve    done     wrote 0002")
+    assert "state            refused  --photos is for venues" in third
     assert calibrations == "calibrations: 0001, 0002; 0002 is in use"
-    document = json.loads(procam("history", venue, "--json").out)
+    document = json.loads(procam("venue", "status", venue, "--json").out)
     assert [run["outcome"] for run in document["runs"]] == ["done", "done", "refused"]
     assert document["in_use"] == "0002"
 
 
 def test_compares_two_calibrations(venue: Path) -> None:
-    ran = procam("history", venue, "--compare", 1, 2)
-    (row,) = (line for line in ran.out.splitlines() if line.startswith("feedback.G"))
+    ran = procam("venue", "compare", f"{venue}@1", f"{venue}@2")
+    (row,) = (line for line in ran.out.splitlines() if line.startswith("  feedback.G"))
     assert row.split()[-2:] == ["0", "+0.0"]  # the same session
-    document = json.loads(procam("history", venue, "--compare", 1, 2, "--json").out)
+    document = json.loads(procam("venue", "compare", f"{venue}@1", f"{venue}@2", "--json").out)
     assert {"name": "feedback.R", "sigmas": 0.0} in [
         {"name": f["name"], "sigmas": f["sigmas"]} for f in document["figures"]
     ]
@@ -59,37 +60,45 @@ def test_a_calibration_edited_by_hand_is_named_and_built_upon_by_nothing(venue: 
     path = venue / "calibrations" / "0002" / "calibration.json"
     path.write_text(path.read_text() + "\n")
     assert "CHANGED  0002: calibration.json changed since procam wrote it" in (
-        procam("history", venue).out
+        procam("venue", "status", venue).out
     )
     for command in (("refine", venue), ("state", venue, "full")):
         ran = procam(*command)
         assert ran.code == 2
         assert "0002/calibration.json changed since procam wrote it" in ran.complaint
-    assert procam("history", venue, "--restore", 2).code == 2
-    assert procam("history", venue, "--restore", 1).code == 0
-    assert "0001 is in use" in procam("history", venue).out
+    assert procam("venue", "use", f"{venue}@2").code == 2
+    assert procam("venue", "use", f"{venue}@1").code == 0
+    assert "0001 is in use" in procam("venue", "status", venue).out
 
 
 def test_exports_and_plots(venue: Path, tmp_path: Path) -> None:
     out = tmp_path / "figures.csv"
-    assert procam("history", venue, "--csv", out).code == 0
+    assert procam("venue", "show", venue, "--csv", out).code == 0
     assert sum(",feedback.G," in line for line in out.read_text().splitlines()) == 2
     plot = tmp_path / "trends.png"
-    ran = procam("history", venue, "--plot", plot, "--figure", "feedback.G")
-    assert ran.out == f"{plot} written: feedback.G\n"
+    ran = procam("venue", "show", venue, "--plot", plot, "--figure", "feedback.G")
+    assert ran.out.splitlines()[-1] == f"{plot} written: feedback.G"
     assert read_header(plot).width > 300
-    assert procam("history", venue, "--plot", plot).out.startswith(f"{plot} written: feedback.R,")
+    assert f"{plot} written: feedback.R," in procam("venue", "show", venue, "--plot", plot).out
+
+
+def test_shows_the_figures_of_one(venue: Path) -> None:
+    ran = procam("venue", "show", f"{venue}@1")
+    assert ran.out.startswith(f"{venue / 'calibrations' / '0001'}\n") and "coverage" in ran.out
+    document = json.loads(procam("venue", "show", venue, "--json").out)
+    assert document["calibration"] == str(venue / "calibrations" / "0002")
+    assert document["figures"]["coverage"]["value"] > 0
 
 
 def test_what_steers_a_terminal_is_written_out(tmp_path: Path) -> None:
     make_venue(tmp_path)
     with recorded(tmp_path, "solve\x1b[2J") as run:
         run.message = "\x1b]0;owned\x07 \u202eno\n   2  forged"
-    ran = procam("history", tmp_path)
+    ran = procam("venue", "status", tmp_path)
     (row,) = (line for line in ran.out.splitlines() if "solve" in line)
-    assert row.endswith(r"solve\x1b[2J   done     \x1b]0;owned\x07 \u202eno    2  forged")
+    assert row.endswith(r"solve\x1b[2J        done     \x1b]0;owned\x07 \u202eno    2  forged")
     (tmp_path / "venue.toml").write_text('"\\u001b[31m" = 1\n')
-    ran = procam("capture", tmp_path)
+    ran = procam("session", "capture", tmp_path)
     assert r"\x1b[31m" in ran.err and "\x1b" not in ran.err + ran.out
 
 
@@ -100,12 +109,12 @@ class TestPrune:
             shutil.copytree(sessions / "0001", sessions / f"000{number}")
         with (venue / "venue.toml").open("a") as file:
             file.write("\n[history]\nkeep_sessions = 1\n")
-        ran = procam("history", venue, "--prune")
+        ran = procam("venue", "prune", venue)
         assert ran.out.startswith("captures deleted: 0002, ")
         frames = {n: len([*(sessions / n).rglob("*.tif")]) for n in ("0001", "0002", "0003")}
         assert frames["0002"] == 0 and frames["0001"] == frames["0003"] > 0
         assert (sessions / "0002" / "captures" / "zenith" / "index.jsonl").is_file()
-        assert procam("history", venue, "--prune").out == "captures deleted: nothing, 0.00 GB\n"
+        assert procam("venue", "prune", venue).out == "captures deleted: nothing, 0.00 GB\n"
 
     def test_a_recalibration_that_failed_is_not_counted_nor_resumed(self, venue: Path) -> None:
         sessions = venue / "sessions"
@@ -114,7 +123,7 @@ class TestPrune:
         assert newest_session(load_venue(venue)) == sessions / "0004"
         with (venue / "venue.toml").open("a") as file:
             file.write("\n[history]\nkeep_sessions = 1\n")
-        ran = procam("history", venue, "--prune")
+        ran = procam("venue", "prune", venue)
         assert ran.out.startswith("captures deleted: 0003, ")
         frames = {n: len([*(sessions / n).rglob("*.tif")]) for n in ("0001", "0002", "0003")}
         assert frames["0003"] == 0 and frames["0001"] == frames["0002"] > 0
@@ -130,7 +139,7 @@ class TestPrune:
         with (venue / "venue.toml").open("a") as file:
             file.write("\n[history]\nkeep_sessions = 3\n")
         before = len([*sessions.rglob("*.tif")])
-        ran = procam("history", venue, "--prune")
+        ran = procam("venue", "prune", venue)
         assert ran.code == 2 and f"{damaged} is damaged" in ran.complaint
         assert len([*sessions.rglob("*.tif")]) == before
 
@@ -138,18 +147,18 @@ class TestPrune:
         session = venue / "sessions" / "0001"
         for frame in session.rglob("*.tif"):
             frame.unlink()
-        for command in (("solve", session), ("verify", venue)):
+        for command in (("session", "solve", session), ("verify", venue)):
             ran = procam(*command)
             assert ran.code == 2
-            assert "its photographs were deleted, by `procam history --prune`" in ran.complaint
+            assert "its photographs were deleted, by `procam venue prune`" in ran.complaint
         assert newest_session(load_venue(venue)) == venue / "sessions" / "0002"
-        ran = procam("history", venue, "--restore", 1)
+        ran = procam("venue", "use", f"{venue}@1")
         assert ran.code == 0 and "verify, recalibrate and solve cannot use it" in ran.err
-        (note,) = json.loads(procam("history", venue, "--restore", 1, "--json").out)["notes"]
+        (note,) = json.loads(procam("venue", "use", f"{venue}@1", "--json").out)["notes"]
         assert "session 0001 were deleted" in note
 
     def test_needs_a_policy(self, venue: Path) -> None:
-        ran = procam("history", venue, "--prune")
+        ran = procam("venue", "prune", venue)
         assert (ran.code, ran.complaint.split("; ")[1]) == (
             2,
             "add [history] with keep_sessions = 3, for the captures of the newest three and of the "
@@ -158,46 +167,71 @@ class TestPrune:
 
 
 @pytest.mark.parametrize(
-    ("options", "words"),
+    ("arguments", "words"),
     [
-        (("--compare", 1, 7), "has no calibration 7, only 1, 2; choose one of them"),
-        (("--restore", 0), "has no calibration 0, only 1, 2; choose one of them"),
-        (("--restore", 1, "--prune"), "give one of them at a time"),
-        (("--figure", "feedback.G"), "--figure: it is for --plot FILE.png"),
-        (("--plot", "x.jpg"), "its name must end in .png; choose another --plot"),
-        (("--csv", "x.txt"), "its name must end in .csv; choose another --csv"),
-        (("--plot", "OUT.png", "--figure", "lamp"), "lamp: no run has measured it; choose from "),
+        (("compare", "VENUE@1", "VENUE@7"), "has no calibration 7, only 1, 2; choose one of them"),
+        (("use", "VENUE@0"), "has no calibration 0, only 1, 2; choose one of them"),
+        (("use", "VENUE@new"), "what follows @ is the number of a calibration, such as"),
+        (("use", "VENUE"), "which of its calibrations? Say it as"),
+        (("status", "VENUE@1"), "this command takes no calibration, but a venue"),
+        (("show", "VENUE", "--figure", "feedback.G"), "--figure: it is for --plot FILE.png"),
+        (("show", "VENUE", "--plot", "x.jpg"), "its name must end in .png; choose another --plot"),
+        (("show", "VENUE", "--csv", "x.txt"), "its name must end in .csv; choose another --csv"),
     ],
 )
-def test_refused(options: tuple[object, ...], words: str, venue: Path, tmp_path: Path) -> None:
-    given = (str(part).replace("OUT", str(tmp_path / "out")) for part in options)
-    ran = procam("history", venue, *given)
+def test_refused(arguments: tuple[str, ...], words: str, venue: Path, tmp_path: Path) -> None:
+    given = (
+        part.replace("VENUE", str(venue)).replace("OUT", str(tmp_path / "out"))
+        for part in arguments
+    )
+    ran = procam("venue", *given)
     assert ran.code == 2
     assert words in ran.complaint
 
 
-def test_a_plot_needs_two_values(tmp_path: Path) -> None:
-    make_venue(tmp_path / "new")
-    plot = ("history", tmp_path / "new", "--plot", tmp_path / "a.png")
-    assert "--plot: no figure was measured twice yet" in procam(*plot).complaint
-    ran = procam(*plot, "--figure", "albedo.R")
-    assert ran.code == 2 and "this venue has no figures yet" in ran.complaint
+def test_every_command_takes_a_numbered_calibration(venue: Path, tmp_path: Path) -> None:
+    sky = tmp_path / "sky.png"
+    write_image(sky, np.full((64, 64, 3), 9999, np.uint16))
+    for words in (
+        ("compensate", f"{venue}@99", sky, tmp_path / "a.png"),
+        ("preview", f"{venue}@99", sky, tmp_path / "a.html"),
+        ("export", f"{venue}@99", "shader", sky, tmp_path / "out"),
+        ("verify", f"{venue}@99"),
+        ("refine", f"{venue}@99"),
+        ("state", f"{venue}@99", "full"),
+        ("meter", f"{venue}@99", sky),
+        ("forecast", f"{venue}@99"),
+        ("venue", "pack", f"{venue}@99", tmp_path / "a.zip"),
+        ("venue", "show", f"{venue}@99"),
+    ):
+        assert "has no calibration 99, only 1, 2; choose one" in procam(*words).complaint, words
+    for number in (1, 2):
+        assert procam("compensate", f"{venue}@{number}", sky, tmp_path / f"{number}.png").code == 0
+
+
+def test_what_cannot_be_plotted(venue: Path, tmp_path: Path) -> None:
+    plot = ("venue", "show", venue, "--plot", tmp_path / "a.png")
+    ran = procam(*plot, "--figure", "lamp")
+    assert ran.code == 2 and "lamp: no run has measured it; choose from " in ran.err
+    (venue / "history.sqlite").unlink()
+    shutil.rmtree(venue / "calibrations" / "0002")
+    ran = procam(*plot)
+    assert ran.code == 2 and "--plot: no figure was measured twice yet" in ran.err
 
 
 def test_a_folder_in_place_of_the_history(tmp_path: Path) -> None:
     make_venue(tmp_path)
     (tmp_path / "history.sqlite").mkdir()
-    for options in ((), ("--csv", tmp_path / "a.csv")):
-        ran = procam("history", tmp_path, *options)
-        assert ran.code == 2
-        assert ran.complaint == (
-            f"procam: {tmp_path / 'history.sqlite'} is a folder, and the venue's history is a file of that "
-            "name; move the folder away"
-        )
+    ran = procam("venue", "status", tmp_path)
+    assert ran.code == 2
+    assert ran.complaint == (
+        f"procam: {tmp_path / 'history.sqlite'} is a folder, and the venue's history is a file of that "
+        "name; move the folder away"
+    )
     ran = procam("calibrate", tmp_path)
     assert ran.code == 2 and "history.sqlite is a folder" in ran.complaint
     assert not (tmp_path / "sessions").exists()
 
 
 def test_no_venue(tmp_path: Path) -> None:
-    assert procam("history", tmp_path).complaint.endswith("give a folder with a venue.toml")
+    assert procam("venue", "status", tmp_path).complaint.endswith("give a folder with a venue.toml")

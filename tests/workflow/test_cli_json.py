@@ -55,7 +55,7 @@ def test_usage_errors(
 def test_every_command_has_a_document_for_a_wrong_option(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], name: str
 ) -> None:
-    _, out, _ = ended(monkeypatch, capsys, name, "--no-such-option", "--json")
+    _, out, _ = ended(monkeypatch, capsys, *name.split(), "--no-such-option", "--json")
     assert json.loads(out)["exit_code"] == 2
 
 
@@ -90,8 +90,9 @@ def test_exceptions_that_nobody_expected(
 
 
 def test_a_command_that_ends_well_prints_one_document(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    error, out, _ = ended(monkeypatch, capsys, "reproduce", "--json")
+    template = ("--template", "by-hand")
+    error, out, _ = ended(monkeypatch, capsys, "init", str(tmp_path / "a"), *template, "--json")
     assert isinstance(error, SystemExit) and not error.code
     assert "error" not in json.loads(out)

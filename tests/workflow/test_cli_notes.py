@@ -30,7 +30,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_solve_says_it_and_the_report_repeats_it(session: Path) -> None:
-    ran = procam("solve", session)
+    ran = procam("session", "solve", session)
     assert ran.code == 0, ran.err
     notes = [line for line in ran.out.splitlines() if line.startswith("note: ")]
     assert [any(part in note for note in notes) for part in (TAG, SIZE, POLE)] == [True] * 3
@@ -40,5 +40,5 @@ def test_solve_says_it_and_the_report_repeats_it(session: Path) -> None:
 
 
 def test_machines_get_it_too(session: Path) -> None:
-    document = json.loads(procam("solve", session, "--json").out)
+    document = json.loads(procam("session", "solve", session, "--json").out)
     assert any(POLE in note for note in document["notes"])

@@ -1,4 +1,4 @@
-"""`procam pair`: folders of published rendered photographs to both lenses and the pose between them."""
+"""`procam lens pair`: folders of published rendered photographs to both lenses and the pose between them."""
 
 import json
 import shutil
@@ -14,9 +14,10 @@ from tiny_venue import Ran, procam
 from procam.errors import InputError
 from procam.estimate.boards.planar_pair import PairView, fit_planar_pair
 from procam.files.images.pixels import write_image
-from procam.interfaces.cli import pair as command
-from procam.interfaces.cli._boards import make_board
+from procam.files.venue.load import create_venue
 from procam.interfaces.cli._output import Output
+from procam.interfaces.cli.lens import pair as command
+from procam.model.quality import Goal
 from studies import boards as study
 from studies import foreign_boards as foreign
 
@@ -27,6 +28,14 @@ BITS, EDGE = 10, 800
 TURN_DEG = np.degrees([0.24285, 0.12374, 0.01512])  # Blender's own numbers, as is f 800 and c 399.5
 SHIFT_M = np.array([-0.12403, 0.23891, -0.13242])
 BOARD = ("--squares", "16x16", "--square-mm", "18.5", "--size", "800x800", "--code", "gray")
+
+
+def solve(photos: Path, *more: object) -> Ran:
+    return procam("lens", "pair", "--photos", photos, *more)
+
+
+def into(venue: Path) -> tuple[object, ...]:
+    return "--into", venue, "--camera", "side"
 
 
 @pytest.fixture(scope="module")
@@ -51,14 +60,14 @@ def poses(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def solved(poses: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Ran, str, Path]:
-    """The pair of all poses and of a wall that the camera sees pixel by pixel; what it says; its file."""
+    """The pair of all poses and of a wall that the camera sees pixel by pixel; what it says; its venue."""
     folder = tmp_path_factory.mktemp("pair")
     (folder / "poses").mkdir()
     for name in USED:
         (folder / "poses" / name).symlink_to(poses / name)
     wall = folder / "poses" / "wall"
-    assert procam("patterns", "--size", "800x800", "--code", "gray", "--out", wall).code == 0
-    out, said, say = folder / "pair.toml", list[str](), Output.say
+    assert procam("lens", "patterns", wall, "--size", "800x800", "--code", "gray").code == 0
+    venue, said, say = create_venue(folder / "venue", "by-hand"), list[str](), Output.say
 
     def heard(output: Output, text: str) -> None:
         said.append(text)
@@ -66,13 +75,13 @@ def solved(poses: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Ran, 
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Output, "say", heard)
-        ran = procam("pair", folder / "poses", *BOARD, "--out", out, "--json")
-    return ran, "\n".join(said), out
+        ran = solve(folder / "poses", *BOARD, *into(venue), "--json")
+    return ran, "\n".join(said), venue
 
 
 class TestSolves:
     def test_a_published_pair(self, solved: tuple[Ran, str, Path]) -> None:
-        ran, _, out = solved
+        ran, _, venue = solved
         assert ran.code == 0, ran.err
         document = json.loads(ran.out)
         parameters = document["parameters"]
@@ -90,11 +99,14 @@ class TestSolves:
             figures = document["figures"]
             left_out, fitted = figures[f"{device}_held_out_rms"], figures[f"{device}_rms"]
             assert fitted["value"] < left_out["value"] < 0.25
-        table = tomllib.loads(out.read_text())
-        np.testing.assert_allclose(table["camera"]["f"], 800, atol=2)
-        pose = table["projector_from_camera"]
-        np.testing.assert_allclose(pose["rotation"], document["rotation"], atol=1e-8)
-        assert np.linalg.det(pose["rotation"]) == pytest.approx(1, abs=1e-6)
+        assert np.linalg.det(document["rotation"]) == pytest.approx(1, abs=1e-6)
+        text = (venue / "venue.toml").read_text()
+        camera = tomllib.loads(text)["cameras"]["side"]
+        values = [parameters[f"camera.{name}"]["value"] for name in ("fx", "fy", "cx", "cy")]
+        np.testing.assert_allclose([*camera["f"], *camera["c"]], values, atol=1e-4)
+        assert (camera["size"], camera["k"]) == ([EDGE, EDGE], [0.0] * 5)
+        # Blender's lenses have no distortion
+        assert "k = [0.0, 0.0, 0.0, 0.0, 0.0]  # +- 0, not solved for\n" in text
 
     def test_stray_folders_are_skipped_before_any_work(
         self, poses: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -112,7 +124,7 @@ class TestSolves:
             raise InputError(f"{place}: stopped")
 
         monkeypatch.setattr(command, "decode_folder", decode)
-        ran = procam("pair", tmp_path / "poses", *BOARD, "--out", tmp_path / "p.toml")
+        ran = solve(tmp_path / "poses", *BOARD)
         assert (ran.code, "stopped" in ran.err) == (2, True)
         assert set(decoded) <= set(USED)
         text = "a try: 1 photographs, and the code gray needs 42; this is no pose, skipped"
@@ -120,7 +132,7 @@ class TestSolves:
         assert "notes: 0 photographs, and the code gray needs 42" in ran.out
 
     def test_poses_are_decoded_side_by_side(
-        self, poses: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+        self, poses: Path, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         """Two poses wait for each other; one after the other they would never meet."""
         monkeypatch.setattr(command, "WORKERS", 2)
@@ -132,19 +144,17 @@ class TestSolves:
             raise InputError(f"{place}: met")
 
         monkeypatch.setattr(command, "decode_folder", decode)
-        ran = procam("pair", poses, *BOARD, "--out", tmp_path / "p.toml")
-        assert "s00: met" in ran.complaint
+        assert "s00: met" in solve(poses, *BOARD).complaint
 
     def test_a_pose_without_a_board_is_left_out(self, solved: tuple[Ran, str, Path]) -> None:
-        ran, said, out = solved
-        assert ran.code == 0, ran.err
+        _, said, _ = solved
         assert "wall: no board is found that the projector lights; left out" in said
-        # Blender's lenses have no distortion, and its board is flat
         assert "camera.k3" not in said
-        assert "not solved for" in out.read_text()
 
 
-def test_dropped_corners_are_named_by_pose_and_place(capsys: pytest.CaptureFixture[str]) -> None:
+def test_dropped_corners_are_named_and_a_bad_fit_is_not_given_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A board with one edge bent up sharply in two poses: only its corners there are dropped."""
     rng = np.random.default_rng(3)
     flat = foreign.flat_board()
@@ -166,8 +176,19 @@ def test_dropped_corners_are_named_by_pose_and_place(capsys: pytest.CaptureFixtu
             shown = np.isfinite(seen[0][:, 0])
             views.append(PairView(f"pose{len(views)}", flat[shown], *(s[shown] for s in seen)))
     fit = fit_planar_pair(views, foreign.SIZE, foreign.PANEL)
-    command._print_dropped(fit, make_board("14x10", 13.5), Output(as_json=False))
-    said = capsys.readouterr().out
+    venue = create_venue(tmp_path / "venue", "by-hand")
+    before = (venue / "venue.toml").read_text()
+    monkeypatch.setattr(command, "_poses", lambda *_: ([], []))
+    monkeypatch.setattr(command, "_views", lambda *_: (views, foreign.SIZE, []))
+    monkeypatch.setattr(command, "fit_planar_pair", lambda *_: fit)
+    board = ("--squares", "14x10", "--square-mm", "13.5", "--size", "1280x800", *into(venue))
+    ran = solve(tmp_path, *board)
+    assert (ran.code, "venue.toml written: [cameras.side]" in ran.out) == (0, True), ran
+    (venue / "venue.toml").write_text(before)
+    monkeypatch.setattr(command, "WORST_RMS", Goal("<=", 0.001))
+    ran, said = solve(tmp_path, *board), ran.out
+    assert (ran.code, "camera is not given on: it fits badly" in ran.out) == (1, True), ran
+    assert (venue / "venue.toml").read_text() == before
     assert "pose2: the corner in column 13, row " in said
     assert " px off at (" in said
     assert "of the camera; dropped" in said
@@ -175,37 +196,44 @@ def test_dropped_corners_are_named_by_pose_and_place(capsys: pytest.CaptureFixtu
 
 
 class TestRefuses:
-    def refused(self, folder: Path, out: Path, *more: object) -> str:
-        ran = procam("pair", folder, *(more or BOARD), "--out", out)
+    @pytest.fixture
+    def venue(self, tmp_path: Path) -> Path:
+        return create_venue(tmp_path / "venue", "by-hand")
+
+    def refused(self, folder: Path, venue: Path, *more: object) -> str:
+        before = (venue / "venue.toml").read_text()
+        where = () if "--camera" in more else into(venue)
+        ran = solve(folder, *BOARD, *more, *where)
         assert ran.code == 2, ran
-        assert not out.exists()
+        assert (venue / "venue.toml").read_text() == before
         return ran.complaint
 
-    def test_folders_and_options(self, tmp_path: Path) -> None:
-        out = tmp_path / "p.toml"
-        assert "there are no folders in it" in self.refused(tmp_path, out)
-        assert "no such folder" in self.refused(tmp_path / "gone", out)
-        assert "--size: 'big' is not" in self.refused(tmp_path, out, *BOARD[:4], "--size", "big")
-        assert "--square-mm is nan" in self.refused(
-            tmp_path, out, *BOARD[:2], "--square-mm", "nan", *BOARD[4:]
-        )
-        assert "must end in .toml" in self.refused(tmp_path, tmp_path / "p.json")
+    def test_folders_and_options(self, tmp_path: Path, venue: Path) -> None:
+        (tmp_path / "none").mkdir()
+        assert "there are no folders in it" in self.refused(tmp_path / "none", venue)
+        assert "no such folder" in self.refused(tmp_path / "gone", venue)
+        for options, message in (
+            (("--size", "big"), "--size: 'big' is not"),
+            (("--square-mm", "nan"), "--square-mm is nan"),
+            (("--camera", "side"), "--into and --camera: the venue and one of its cameras go"),
+            (("--camera", "b", "--into", venue), "--camera 'b' is not in "),
+        ):
+            assert message in self.refused(tmp_path, venue, *options)
 
-    def test_too_few_poses_with_the_board(self, poses: Path, tmp_path: Path) -> None:
-        out, pose = tmp_path / "p.toml", tmp_path / "poses" / "s00"
+    def test_too_few_poses_with_the_board(self, poses: Path, tmp_path: Path, venue: Path) -> None:
+        pose = tmp_path / "poses" / "s00"
         pose.parent.mkdir()
         pose.symlink_to(poses / "s00")
-        ran = procam("pair", pose.parent, "--squares", "17x16", *BOARD[2:], "--out", out, "--json")
-        assert (ran.code, out.exists()) == (2, False)
-        assert "a board of 17x16 squares is found in 0 of 1 (none in s00)" in ran.complaint
+        complaint = self.refused(pose.parent, venue, "--squares", "17x16", "--json")
+        assert "a board of 17x16 squares is found in 0 of 1 (none in s00)" in complaint
 
     def test_a_wrong_number_of_photographs_names_the_pose(
-        self, poses: Path, tmp_path: Path
+        self, poses: Path, tmp_path: Path, venue: Path
     ) -> None:
         pose = tmp_path / "poses" / "first"
         pose.mkdir(parents=True)
         shutil.copy(poses / "s00" / "00.png", pose)
-        where = tmp_path / "poses", tmp_path / "p.toml"
+        where = pose.parent, venue
         assert "first: there are 1 pictures, and the code gray" in self.refused(*where)
         for number in range(1, 42):
             shutil.copy(poses / "s00" / "00.png", pose / f"{number:02d}.png")

@@ -153,7 +153,7 @@ def test_holes_in_a_picture(kept: Path, tmp_path: Path, command: str) -> None:
     picture[20:22, 30] = np.nan
     source, out = shoot(tmp_path / "odd.exr", picture), tmp_path / "out"
     rest = (out.with_suffix(".exr"), "--method", "perceptual")
-    ran = procam(command, kept, source, *(rest if command == "compensate" else ("--out", "p.html")))
+    ran = procam(command, kept, source, *(rest if command == "compensate" else ("p.html",)))
     assert ran.code == 2
     assert "holes" in ran.err
 
@@ -179,7 +179,7 @@ class Page(HTMLParser):
 class TestPreview:
     def test_every_method_beside_the_target(self, kept: Path, tmp_path: Path) -> None:
         source, out = shoot(tmp_path / "dusk.exr", dusk()), tmp_path / "dusk.html"
-        ran = procam("preview", kept, source, "--out", out, "--db", "1", "--json")
+        ran = procam("preview", kept, source, out, "--db", "1", "--json")
         assert (ran.code, ran.err) == (0, "")
         assert json.loads(ran.out)["page"] == str(out)
         page = Page(out.read_text())
@@ -216,7 +216,7 @@ class TestPreview:
     def test_distances_from_the_target(self, kept: Path, tmp_path: Path) -> None:
         source, out = shoot(tmp_path / "dusk.exr", dusk()), tmp_path / "dusk.html"
         for db in (0.0, 1.0):
-            assert procam("preview", kept, source, "--out", out, "--db", db).code == 0
+            assert procam("preview", kept, source, out, "--db", db).code == 0
             today, exact, _, ours = map(float, re.findall(r"([\d.]+) dB; bright", _bare(out)))
             assert today < ours
             assert exact - db - 0.06 <= ours  # both rounded to 0.1 dB
@@ -225,7 +225,7 @@ class TestPreview:
     @pytest.mark.parametrize(
         ("options", "message"),
         [
-            (("--out", "page.txt"), "the name must end in .html"),
+            (("page.txt",), "the name must end in .html"),
             (("--db", "-2"), "db: -2 is below 0"),
             (("--state", "full"), "state"),
         ],
@@ -234,7 +234,7 @@ class TestPreview:
         self, kept: Path, tmp_path: Path, options: tuple[str, ...], message: str
     ) -> None:
         source = shoot(tmp_path / "dusk.exr", dusk())
-        where = () if "--out" in options else ("--out", tmp_path / "page.html")
+        where = () if "page.txt" in options else (tmp_path / "page.html",)
         ran = procam("preview", kept, source, *where, *options)
         assert ran.code == 2
         assert message in ran.err

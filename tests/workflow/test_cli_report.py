@@ -52,7 +52,8 @@ def _calibrate_from_second_seat(venue: Path) -> None:
 
 def test_without_limits_it_is_written_and_accepted(venue: Path) -> None:
     ran = procam("report", venue)
-    assert (ran.code, ran.out) == (0, f"{venue / 'report.html'} written\n")
+    pages = ("report.html", "operator-sheet.html")
+    assert (ran.code, ran.out.splitlines()) == (0, [f"{venue / page} written" for page in pages])
     _limit(venue)
     ran = procam("report", venue, "--json")
     assert ran.code == 0 and json.loads(ran.out)["acceptance"] == {}
@@ -62,7 +63,7 @@ def test_limits_that_are_kept(venue: Path) -> None:
     _limit(venue, "feedback = 0.9", "coverage = 0.1")
     ran = procam("report", venue)
     assert ran.code == 0
-    coverage, feedback, outcome, written = ran.out.splitlines()
+    coverage, feedback, outcome, written, _ = ran.out.splitlines()
     assert coverage.startswith("  pass       coverage: ") and "; at least 10" in coverage
     assert feedback.startswith("  pass       feedback: red 0.")
     assert outcome == "All 2 limits of the client are kept."
@@ -85,7 +86,7 @@ def test_one_that_is_missed_or_not_shown_ends_with_1(venue: Path, line: str, ver
 def test_a_second_seat_confirms_the_first(venue: Path) -> None:
     assert json.loads(procam("report", venue, "--json").out)["other_seat"] is None
     _calibrate_from_second_seat(venue)
-    assert procam("history", venue, "--restore", 1).code == 0
+    assert procam("venue", "use", f"{venue}@1").code == 0
     _limit(
         venue,
         "other_seat_direction_relative_over_sigma = 2",
@@ -113,15 +114,16 @@ def test_a_name_that_no_figure_has_is_refused(venue: Path) -> None:
     assert not (venue / "report.html").exists()
 
 
-def test_sheet_and_stills_instead_of_the_report(venue: Path, tmp_path: Path) -> None:
-    _limit(venue, "coverage = 1")  # judged by the report alone
+def test_sheet_and_stills_beside_the_report(venue: Path, tmp_path: Path) -> None:
+    _limit(venue)
     folder = tmp_path / "stills"
-    ran = procam("report", venue, "--sheet", "--stills", folder, "--json")
+    ran = procam("report", venue, "--stills", folder, "--json")
     sheet, index = venue / "operator-sheet.html", folder / "index.txt"
     assert ran.code == 0
-    assert json.loads(ran.out) == {"sheet": str(sheet), "stills": str(index)}
+    document = json.loads(ran.out)
+    assert (document["sheet"], document["stills"]) == (str(sheet), str(index))
     assert f"procam verify {venue}" in sheet.read_text() and index.is_file()
-    assert not (venue / "report.html").exists()
+    assert (venue / "report.html").is_file()
     assert (folder / "dome-masters" / "grid.compensated.png").is_file()
 
 

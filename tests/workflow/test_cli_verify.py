@@ -41,7 +41,7 @@ def test_all_is_well(venue: Path) -> None:
         0,
         "11 photographs, compared with calibration 0001: all is well\n",
     )
-    assert "verify      done     nothing has changed" in procam("history", venue).out
+    assert "verify           done     nothing has changed" in procam("venue", "status", venue).out
 
 
 def test_changes_are_named_recorded_and_end_with_1(venue: Path) -> None:
@@ -62,10 +62,10 @@ def test_changes_are_named_recorded_and_end_with_1(venue: Path) -> None:
         ("camera moved", False),
         ("light", True),
     ]
-    listed = procam("history", venue).out
-    assert listed.count("verify      done     zenith camera moved, north light") == 2
+    listed = procam("venue", "status", venue).out
+    assert listed.count("verify           done     zenith camera moved, north light") == 2
     csv = venue / "out.csv"
-    procam("history", venue, "--csv", csv)
+    procam("venue", "show", venue, "--csv", csv)
     rows = [line.split(",") for line in csv.read_text().splitlines()]
     light = [float(row[6]) for row in rows if row[5] == "light.north.G"]
     assert light == pytest.approx([0.8, 0.8], abs=0.01)
@@ -122,7 +122,7 @@ def test_what_has_no_size_is_null_in_json(venue: Path) -> None:
 
 class TestRefused:
     def test_an_edited_calibration(self, venue: Path) -> None:
-        procam("history", venue, "--restore", 1)  # a run records what is there
+        procam("venue", "use", f"{venue}@1")  # a run records what is there
         path = venue / "calibrations" / "0001" / "calibration.json"
         path.write_text(path.read_text() + "\n")
         ran = procam("verify", venue)

@@ -8,7 +8,7 @@ Covered, each with a real SIGKILL in a process of its own (crash_driver.py):
   13. All kills happen in one session, so that each run also resumes the last one.
 - solve: every rename and flush of the calibration's files and folder, in the same way.
 - both: 2 random moments, each in a fresh session or a fresh solve.
-- INT, TERM and HUP, one, two or five of each, at random moments of `procam capture`: dark projectors and
+- INT, TERM and HUP, one, two or five of each, at random moments of a capture: dark projectors and
   the exit code of the signal as well; runs that five of them stopped are resumed.
 
 After every kill, each file that index.jsonl names, and each file with a final name, equals that of an
@@ -65,7 +65,7 @@ def test_ctrl_c_leaves_the_projectors_dark_and_the_run_resumable(
         return take(camera)
 
     monkeypatch.setattr(SimulatedCamera, "capture", stopped_at_the_tenth)
-    monkeypatch.setattr(sys, "argv", ["procam", "capture", str(venue.directory)])
+    monkeypatch.setattr(sys, "argv", ["procam", "session", "capture", str(venue.directory)])
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a run in the background ignores it
     with coarse_rooms(), quick_simulator(), pytest.raises(SystemExit) as stop:
         main()

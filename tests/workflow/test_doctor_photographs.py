@@ -150,4 +150,4 @@ def test_refusals(rig: HandSession, photos: Path, tmp_path: Path) -> None:
     (tmp_path / "new").mkdir()
     shutil.copy(venue / "venue.toml", tmp_path / "new")
     ran = procam("doctor", tmp_path / "new", "--photos", photos, "--camera", CAMERA)
-    assert "it has no pictures yet; run: procam patterns" in ran.complaint
+    assert "it has no pictures yet; run: procam session plan" in ran.complaint

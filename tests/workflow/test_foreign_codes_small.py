@@ -61,7 +61,7 @@ def test_missing_photographs_through_the_command(tmp_path: Path) -> None:
     theirs.write_text(case.description)
     size = f"{PANEL[0]}x{PANEL[1]}"
     out = tmp_path / "map.exr"
-    ran = procam("decode", folder, "--size", size, "--code", str(theirs), "--out", out)
+    ran = procam("decode", folder, "--size", size, "--code", str(theirs), out)
     assert (ran.code, ran.err) == (0, "")
     for number in lost:
         assert any(
@@ -101,7 +101,7 @@ def test_wrong_shifts_are_refused_unless_overruled(
 ) -> None:
     photos = photographed(CASES[0].name)
     theirs = described(tmp_path, study.STEPS.replace("steps = 3", "shifts_deg = [30, 150, 270]"))
-    command = ("decode", photos, "--size", "192x128", "--code", theirs, "--out", tmp_path / "m.exr")
+    command = ("decode", photos, "--size", "192x128", "--code", theirs, tmp_path / "m.exr")
     ran = procam(*command, "--anyway")
     assert ran.code == 0
     assert "decoded anyway, though a check refuses it: pictures: columns: the edges" in ran.out
@@ -114,7 +114,7 @@ def test_wrong_signs_and_periods_are_noted_or_refused(
     photos = photographed("4 steps of 3 periods")
     signs = "shifts_deg = [0, -90, -180, -270]"
     theirs = described(tmp_path, study.FREQUENCIES.replace("steps = 4", signs, 1))
-    command = ("decode", photos, "--size", "192x128", "--code", theirs, "--out", tmp_path / "m.exr")
+    command = ("decode", photos, "--size", "192x128", "--code", theirs, tmp_path / "m.exr")
     ran = procam(*command)
     assert ran.code == 0
     assert "the camera sees the picture mirrored: right with rear projection" in ran.out
@@ -138,7 +138,7 @@ def test_a_binary_code_is_no_gray_code(tmp_path: Path) -> None:
     photos.mkdir()
     study.photographed(case, 2, photos)
     out = tmp_path / "m.exr"
-    ran = procam("decode", photos, "--size", "192x128", "--code", theirs, "--out", out)
+    ran = procam("decode", photos, "--size", "192x128", "--code", theirs, out)
     assert (ran.code, out.exists()) == (2, False)
     assert "of the map is mirrored and the rest is not" in ran.complaint
 
@@ -157,7 +157,7 @@ def test_a_panel_wider_than_the_size_says(
     case = next(c for c in CASES if c.name == name)
     photos, theirs = photographed(name), described(tmp_path, case.description)
     out = tmp_path / "map.exr"
-    ran = procam("decode", photos, "--size", "160x128", "--code", theirs, "--out", out)
+    ran = procam("decode", photos, "--size", "160x128", "--code", theirs, out)
     assert ran.code == 2
     assert "pictures: columns: " in ran.err
     assert "show patterns that a panel of 160 does not have" in ran.err
@@ -170,6 +170,6 @@ def test_exchanged_width_and_height_of_waves_are_noted(
     theirs = described(tmp_path, study.FREQUENCIES)
     for size, noted in (("192x128", False), ("128x192", True)):
         out = tmp_path / f"{size}.exr"
-        ran = procam("decode", photos, "--size", size, "--code", theirs, "--out", out)
+        ran = procam("decode", photos, "--size", size, "--code", theirs, out)
         assert ran.code == 0
         assert ("show patterns that a panel of 128 does not have" in ran.out) == noted

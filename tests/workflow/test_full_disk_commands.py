@@ -17,7 +17,7 @@ from procam.files.history import record
 
 ROOM = {
     **{"init": 2000, "capture": 5000, "calibrate": 20000, "patterns": 2000, "movie": 200000},
-    **{"code": 300, "stills": 20000, "warp": 5000, "track": 20000, "picture": 20000},
+    **{"code": 300, "stills": 20000, "track": 20000, "picture": 20000},
     "compensated movie": 5000,
     "part of stills": 20000,
     "frames of projectors": 20000,

@@ -25,7 +25,7 @@ from procam.estimate.light import floor_albedo, model_room
 from procam.files.images.pixels import write_image
 from procam.files.venue.load import load_venue, template_text
 from procam.interfaces.cli import _sessions
-from procam.interfaces.cli.main import COMMANDS
+from procam.interfaces.cli.main import COMMANDS, GROUPS
 from procam.interfaces.plots import figure
 from procam.workflows import stills
 from procam.workflows.refine import refine
@@ -60,17 +60,15 @@ OTHERS = {
 # commands that are not run here, and where they are
 ELSEWHERE = {
     "procam demo --preset server": "takes a minute; its steps are those of test_server.py",
-    "procam reproduce drifts": "takes an hour; test_drifts_small.py has a part of it",
-    "procam reproduce drifts-traced": "needs Mitsuba, and half an hour",
 }
 # commands that end in another way here than with 0: exit code, and the message
 REFUSED = {
     "procam refine my-dome": (1, "stays newest"),  # so small a dome gains nothing from the loop
-    "procam meter my-dome/calibrations/0001 meter.csv --out colour.json": (2, "it must hold"),
+    "procam meter my-dome meter.csv": (2, "it must hold"),
     "procam projector my-dome north shutter closed": (1, "switch it on first"),
     "procam projector my-dome north shutter open": (1, "switch it on first"),
     "procam projector my-dome north input 30": (1, "switch it on first"),
-    "procam history my-dome --prune": (2, "[history] with keep_sessions"),
+    "procam venue prune my-dome": (2, "[history] with keep_sessions"),
 }
 # the page's [unattended] with programs that are here, at any hour
 UNATTENDED = {
@@ -102,10 +100,8 @@ def commands(text: str) -> list[list[str]]:
     for each in COMMAND.finditer(text):
         if each["block"]:
             found += [words for words in map(words_of, each["block"].splitlines()) if words]
-        elif len(words := words_of(each["inline"])) > 2 or words[1].startswith("-"):
-            found.append(words)
-        else:
-            assert words[1] in COMMANDS, each["inline"]
+        elif " ".join(words_of(each["inline"])[1:]) not in {*COMMANDS, *GROUPS}:
+            found.append(words_of(each["inline"]))
     return [words for i, words in enumerate(found) if words not in found[:i]]
 
 
@@ -133,12 +129,14 @@ def run(words: list[str]) -> None:
     if words[0] == "cp":
         shutil.copy(*words[1:])
         return
+    if words[:3] == ["python", "-m", "studies"]:
+        assert set(words[3:]) <= set(STUDIES), line
+        return
     if words[0] == "python":
         subprocess.run([sys.executable, *words[1:]], check=True, stdout=subprocess.DEVNULL)
         return
     assert words[0] == "procam", f"{line}: no command of procam"
     if line in ELSEWHERE:
-        assert words[1] != "reproduce" or set(words[2:]) <= set(STUDIES), line
         return
     if words[1] == "init" and Path(words[2]).exists():  # one that a page only mentions
         words = [*words[:2], f"another-{words[-1]}", *words[3:]]
@@ -147,8 +145,8 @@ def run(words: list[str]) -> None:
     assert (ran.code, message in ran.out + ran.err) == (code, True), f"{line}: {ran}"
     if words[1] == "init":
         make_small(Path(words[2]), words[words.index("--template") + 1])
-    if words[1] == "patterns":
-        take_photographs(Path(words[words.index("--out") + 1]))
+    if words[1:3] == ["session", "plan"]:
+        take_photographs(Path(words[4]))
 
 
 def run_all(*pages: str, after: str = "") -> None:
@@ -167,7 +165,7 @@ def make_small(venue: Path, template: str) -> None:
 
 
 def take_photographs(pictures: Path) -> None:
-    """Photograph what `procam patterns` has written, as people do with a camera."""
+    """Photograph what `procam session plan` has written, as people do with a camera."""
     Path("real-dome").mkdir()
     text = server_text(BEHIND_SERVER, MASTER)
     Path("real-dome/venue.toml").write_text(text, "utf-8")

@@ -30,7 +30,7 @@ def twice(once: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, R
     """The same solved again, and what that said."""
     folder = Path(shutil.copytree(once, tmp_path_factory.mktemp("twice") / "venue"))
     with quick_simulator():
-        return folder, procam("solve", folder / "sessions" / "0001", "--json")
+        return folder, procam("session", "solve", folder / "sessions" / "0001", "--json")
 
 
 @pytest.fixture
@@ -63,12 +63,14 @@ def test_a_calibration_that_contradicts_the_one_in_use_is_not_used(venue: Path) 
     """Photographs that were exchanged solve as well as before: only the predecessor differs."""
     session = exchange_projectors(venue)
     with quick_simulator():
-        ran = procam("solve", session)
+        ran = procam("session", "solve", session)
     assert ran.code == 0
     assert "note: 0002 contradicts 0001, which stays in use: " in ran.out
-    assert "wrong projector on the wire. If the new one is right, run: procam history" in ran.out
+    assert (
+        "wrong projector on the wire. If the new one is right, run: procam venue status" in ran.out
+    )
     assert calibration_in_use(venue).name == "0001"
-    assert "0002 is in use" in procam("history", venue, "--restore", 2).out
+    assert "0002 is in use" in procam("venue", "use", f"{venue}@2").out
     assert calibration_in_use(venue).name == "0002"
 
 
@@ -86,7 +88,7 @@ class TestUse:
         with coarse_rooms(), quick_simulator():
             assert (
                 f"{venue / 'calibrations' / '0001'} is in use"
-                in procam("history", venue, "--restore", 1).out
+                in procam("venue", "use", f"{venue}@1").out
             )
             assert calibration_in_use(venue).name == "0001"
             procam("state", venue, "full")  # adds a state to the one in use
@@ -94,7 +96,7 @@ class TestUse:
         assert "full" in load_calibration(calibration_in_use(venue)).states
 
     def test_a_number_that_is_none(self, venue: Path) -> None:
-        ran = procam("history", venue, "--restore", 7)
+        ran = procam("venue", "use", f"{venue}@7")
         assert (ran.code, ran.complaint) == (
             2,
             f"procam: {venue} has no calibration 7, only 1; choose one of them",
@@ -107,11 +109,11 @@ class TestUse:
             ran = procam("report", venue)
             assert ran.code == 2
             assert f"{chosen} names calibration " in ran.complaint
-            assert f"choose one of them: procam history {venue} --restore N" in ran.complaint
-            listed = procam("history", venue)
+            assert f"choose one of them: procam venue use {venue}@N" in ran.complaint
+            listed = procam("venue", "status", venue)
             assert (listed.code, "which is not there, only 0001" in listed.out) == (0, True)
-            assert json.loads(procam("history", venue, "--json").out)["in_use"] is None
-        assert procam("history", venue, "--restore", 1).code == 0
+            assert json.loads(procam("venue", "status", venue, "--json").out)["in_use"] is None
+        assert procam("venue", "use", f"{venue}@1").code == 0
         assert calibration_in_use(venue).name == "0001"
 
     def test_a_venue_stands_for_its_calibration(self, venue: Path, tmp_path: Path) -> None:

@@ -1,14 +1,12 @@
-"""`procam reproduce`, and that every committed result has a command that remakes it."""
+"""`python -m studies`, and that every committed result has a name there that remakes it."""
 
 from pathlib import Path
 
 import pytest
-from tiny_venue import procam
 
-from procam.interfaces.cli import reproduce
 from studies.__main__ import STUDIES, listed, main
 
-HERE = Path(reproduce.ROOT) / "studies"
+HERE = Path(__file__).parents[2] / "studies"
 
 
 @pytest.mark.parametrize("result", sorted(HERE.glob("*.json")), ids=lambda path: path.stem)
@@ -39,12 +37,6 @@ def test_one_that_raises_does_not_end_the_others(
     assert done == ["codes"] and "ZeroDivisionError" in capsys.readouterr().err
 
 
-def test_a_name_that_is_none(capfd: pytest.CaptureFixture[str]) -> None:
-    assert procam("reproduce", "no-such-study").code == 2
-    assert "no study 'no-such-study'; there are boards," in capfd.readouterr().err
-
-
-def test_an_installation_without_studies(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(reproduce, "ROOT", tmp_path)
-    done = procam("reproduce", "codes")
-    assert done.code == 2 and "without its studies; clone the repository" in done.err
+def test_a_name_that_is_none(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["no-such-study"]) == 2
+    assert "no study 'no-such-study'; there are boards," in capsys.readouterr().err

@@ -66,10 +66,10 @@ WAYS = {
     "recalibrate": [("recalibrate", "{venue}", "--projector", "south")],
     "refine": [("refine", "{venue}")],
     "state": [("state", "{venue}", "full")],
-    "solve": [("solve", "{venue}/sessions/0001")],
+    "solve": [("session", "solve", "{venue}")],
     "restore": [
-        ("solve", "{venue}/sessions/0001"),
-        ("history", "{venue}", "--restore", "1"),
+        ("session", "solve", "{venue}"),
+        ("venue", "use", "{venue}@1"),
     ],
 }
 
@@ -85,10 +85,10 @@ def test_whatever_makes_a_calibration_is_as_good_as_a_whole_one(
 
 
 def test_a_bundle_that_was_opened(venue: Path, tmp_path: Path, whole: np.ndarray) -> None:
-    assert procam("bundle", venue, "--out", tmp_path / "dome.zip").code == 0
-    ran = procam("bundle", "--open", tmp_path / "dome.zip", tmp_path / "opened", "--json")
+    assert procam("venue", "pack", venue, tmp_path / "dome.zip").code == 0
+    ran = procam("venue", "unpack", tmp_path / "dome.zip", tmp_path / "opened", "--json")
     opened = Path(json.loads(ran.out)["venue"])
-    assert procam("solve", opened / "sessions" / "0001").code in (0, 1)
+    assert procam("session", "solve", opened / "sessions" / "0001").code in (0, 1)
     assert (errors(venue, newest(opened)) < WORSE * whole).all()
 
 

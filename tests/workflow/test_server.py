@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import photographer
 import pytest
-from tiny_venue import CAMERA, Ran, procam, quick_simulator
+from tiny_venue import CAMERA, Ran, procam, quick_simulator, warped
 
 from procam.errors import CalibrationError, FileFormatError
 from procam.estimate import calibration as assemble
@@ -67,11 +67,11 @@ def small_and_quick() -> Iterator[None]:
 def hand_session(tmp_path_factory: pytest.TempPathFactory) -> HandSession:
     folder = tmp_path_factory.mktemp("dome")
     (folder / "venue.toml").write_text(server_text(SIZE, MASTER), "utf-8")
-    shown = procam("patterns", folder, "--out", folder / "out")
+    shown = procam("session", "plan", folder, folder / "out")
     photographer.main(folder, folder / "out", folder / "photos")
     session = folder / "sessions" / "hand-0001"
-    taken = procam("ingest", session, "--camera", CAMERA, "--photos", folder / "photos")
-    return HandSession(folder, shown, taken, procam("solve", session, "--json"))
+    taken = procam("session", "add", session, "--camera", CAMERA, "--photos", folder / "photos")
+    return HandSession(folder, shown, taken, procam("session", "solve", session, "--json"))
 
 
 @pytest.fixture(scope="module")
@@ -149,7 +149,7 @@ def test_two_commands_make_what_the_server_is_fed_with(
     direct, frames = hand_session.folder / "direct.exr", hand_session.folder / "fed"
     target = hand_session.folder / "pictures" / "target.exr"
     assert procam("compensate", hand_session.calibration, target, direct).code == 0
-    assert procam("warp", hand_session.calibration, direct, frames).code == 0
+    assert warped(hand_session.calibration, direct, frames).code == 0
     fed = read_image(frames / "server.png")
     judged = read_image(hand_session.folder / "frames" / "exact" / "server.png")
     np.testing.assert_array_equal(fed, judged)

@@ -83,7 +83,7 @@ def furnished(calibration: Calibration) -> Calibration:
 
 
 class Track:
-    """A track that `procam track` has made."""
+    """A track that `procam export` has made."""
 
     def __init__(
         self, folder: Path, calibration: Calibration, frames: dict[str, np.ndarray]
@@ -96,7 +96,7 @@ class Track:
             write_image(self.show / name, pixels)
 
     def make(self, *options: str) -> dict[str, Any]:
-        ran = procam("track", self.calibration, self.show, self.out, *options, "--json")
+        ran = procam("export", self.calibration, "shader", self.show, self.out, *options, "--json")
         assert (ran.code, ran.err) == (0, "")
         document = json.loads(ran.out)
         assert isinstance(document, dict)
@@ -329,7 +329,9 @@ class TestFolder:
         path.write_text(path.read_text().replace('"version": "test"', '"version": "later"'))
         hashes = []
         for name in ("0001", "copy", "other"):
-            ran = procam("track", tmp_path / name, track.show, tmp_path / f"of-{name}", "--json")
+            ran = procam(
+                "export", tmp_path / name, "shader", track.show, tmp_path / f"of-{name}", "--json"
+            )
             hashes.append(json.loads(ran.out)["calibration"]["sha256"])
         assert hashes[0] == hashes[1] != hashes[2]
 
@@ -339,7 +341,7 @@ class TestFolder:
         frames = [scene_picture(scene, MAP) for scene in (1, 2, 3)]
         track = short_track(tmp_path, furnished, frames)
         movie = make_movie(tmp_path / "show.mkv", frames, transfer=13)
-        ran = procam("track", track.calibration, movie, tmp_path / "of-movie")
+        ran = procam("export", track.calibration, "shader", movie, tmp_path / "of-movie")
         assert (ran.code, ran.err) == (0, "")
         assert "3 frames of 96 px, 27 coefficients each" in ran.out
         message = (tmp_path / "of-movie" / "track.csv").read_text()
@@ -354,14 +356,18 @@ class TestFolder:
         output = oiio.ImageOutput.create(str(tmp_path / "wide.exr"))
         assert output.open(str(tmp_path / "wide.exr"), spec)
         assert output.write_image(np.full((MAP, MAP, 3), 0.5, np.float32)) and output.close()
-        ran = procam("track", track.calibration, tmp_path / "wide.exr", tmp_path / "of-wide")
+        ran = procam(
+            "export", track.calibration, "shader", tmp_path / "wide.exr", tmp_path / "of-wide"
+        )
         assert ran.code == 0
         assert "has the colour profile Rec.2020; its colours were converted" in ran.err
         assert "The player must convert them too" in ran.err
 
     def test_one_picture(self, calibration: Calibration, tmp_path: Path) -> None:
         track = short_track(tmp_path, calibration, [scene_picture(1, MAP)])
-        ran = procam("track", track.calibration, track.show / "000.tif", tmp_path / "one")
+        ran = procam(
+            "export", track.calibration, "shader", track.show / "000.tif", tmp_path / "one"
+        )
         assert (ran.code, ran.err) == (0, "")
         assert (tmp_path / "one" / "track.csv").read_text().splitlines()[1].startswith("0,")
 
@@ -375,7 +381,7 @@ def track(calibration: Calibration, tmp_path_factory: pytest.TempPathFactory) ->
 
 class TestRefusals:
     def refused(self, track: Track, out: Path, *options: str) -> str:
-        ran = procam("track", track.calibration, track.show, out, *options)
+        ran = procam("export", track.calibration, "shader", track.show, out, *options)
         assert ran.code == 2
         assert out == track.out or not out.exists()
         assert not list(out.parent.glob(".*tmp*"))
@@ -436,8 +442,10 @@ class TestRefusals:
         self, track: Track, tmp_path: Path
     ) -> None:
         movie = make_movie(tmp_path / "show.mkv", [scene_picture(1, MAP)], transfer=2)
-        ran = procam("track", track.calibration, movie, tmp_path / "out")
+        ran = procam("export", track.calibration, "shader", movie, tmp_path / "out")
         assert ran.code == 2
         assert "no transfer function that procam knows" in ran.complaint
-        ran = procam("track", track.calibration, movie, tmp_path / "out", "--transfer", "srgb")
+        ran = procam(
+            "export", track.calibration, "shader", movie, tmp_path / "out", "--transfer", "srgb"
+        )
         assert ran.code == 0

@@ -22,16 +22,16 @@ with locked(Path(sys.argv[1]), "refine"):
     sys.stdin.read()
 """
 COMMANDS = {
-    "capture": ("VENUE",),
+    "session capture": ("VENUE",),
     "calibrate": ("VENUE",),
-    "solve": ("VENUE/sessions/0001",),
-    "ingest": ("VENUE/sessions/0001", "--camera", "zenith", "--photos", "VENUE"),
+    "session solve": ("VENUE/sessions/0001",),
+    "session add": ("VENUE/sessions/0001", "--camera", "zenith", "--photos", "VENUE"),
     "refine": ("VENUE",),
     "state": ("VENUE", "full"),
     "doctor": ("VENUE",),
     "projector": ("VENUE", "south", "state"),
-    "patterns": ("VENUE", "--out", "VENUE/out"),
-    "history": ("VENUE", "--restore", "1"),
+    "session plan": ("VENUE", "VENUE/out"),
+    "venue use": ("VENUE@1",),
     "verify": ("VENUE",),
     "recalibrate": ("VENUE",),
 }
@@ -61,7 +61,7 @@ def busy(ready: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path
 def test_refused_by_name_and_nothing_is_written(command: str, busy: Path) -> None:
     before = contents(busy)
     arguments = (part.replace("VENUE", str(busy)) for part in COMMANDS[command])
-    ran = procam(command, *arguments)
+    ran = procam(*command.split(), *arguments)
     assert ran.code == 2
     assert f"{busy}: `procam refine` (process " in ran.complaint
     assert ran.complaint.endswith("is at work there; wait until it has ended, or stop it")
@@ -77,4 +77,4 @@ def test_a_number_is_never_used_again(ready: Path, tmp_path: Path) -> None:
 
 def test_two_at_once(ready: Path, tmp_path: Path) -> None:
     shutil.copytree(ready, tmp_path / "venue")
-    assert "worked" in run_both(tmp_path / "venue", ("solve", "capture"))
+    assert "worked" in run_both(tmp_path / "venue", ("session solve", "session capture"))

@@ -18,7 +18,7 @@ import simulators.backend
 from procam.devices.protocols import BackendRig
 from procam.files.session import Session
 from procam.files.venue.load import Venue, load_venue
-from procam.interfaces.cli.main import main
+from procam.interfaces.cli.main import app, main
 from procam.workflows.capture.capture import capture, prepare_session
 from procam.workflows.solve.calibrate import solve
 from procam.workflows.venue_rig import open_rig
@@ -125,17 +125,22 @@ class Ran:
         return lines[0]
 
 
-def procam(*arguments: object) -> Ran:
-    """Run `procam ARGUMENTS` in this process."""
+def procam(*arguments: object, command: Callable[[], object] = app) -> Ran:
+    """Run `procam ARGUMENTS`, or another `command` of this kind, in this process."""
     out, err = io.StringIO(), io.StringIO()
     code = 0
     with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
         patch.setattr(sys, "argv", ["procam", *map(str, arguments)])
         try:
-            main()
+            main(command)
         except SystemExit as stop:
             code = int(stop.code or 0)
     return Ran(code, out.getvalue(), err.getvalue())
+
+
+def warped(*arguments: object) -> Ran:
+    """Run `procam compensate ARGUMENTS`, to frames of projectors of what is direct light already."""
+    return procam("compensate", *arguments, "--to", "projectors", "--method", "none")
 
 
 @dataclass

@@ -52,5 +52,5 @@ def glare_notes(camera: str, stated: Sensor, bounded: Sensor, darkest: float) ->
         f"camera {camera}: venue.toml has glare = 0 with glare_sigma = {stated.glare_sigma:g}, but no "
         f"lens is without a veil, and the darkest place in its pictures has {darkest:.1%} of their mean "
         f"light; m and albedo may be too large, and their standard errors are by glare_sigma = "
-        f"{bounded.glare_sigma:.2g}. Measure it with `procam glare`"
+        f"{bounded.glare_sigma:.2g}. Measure it with `procam lens glare`"
     ]

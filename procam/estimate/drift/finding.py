@@ -47,7 +47,7 @@ NOT_ALARMING: tuple[Cause, ...] = ("camera moved", "not seen")
 
 RECALIBRATE, BY_HAND = (
     ("recalibrate it: procam recalibrate", "recalibrate it"),
-    "calibrate again: procam patterns, ingest, solve",
+    "calibrate again: procam session plan, add, solve",
 )
 
 

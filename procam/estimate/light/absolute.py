@@ -19,7 +19,7 @@ from procam.estimate.light.colour_spaces import colour_difference
 from procam.estimate.light.meter_samples import METER_SIGMA, MeterSamples, probability, reduced_chi2
 from procam.estimate.light.panel_light import PanelLight
 from procam.model.calibration import Calibration
-from procam.model.photometry import PRIMARIES
+from procam.model.photometry import PRIMARIES, AbsoluteColour
 from procam.model.reading import BLACK, MeterReading, Spot, spot_name
 
 MIN_PATCHES = 3
@@ -48,37 +48,20 @@ class AbsoluteLight:
 
     Attributes
     ----------
-    xyz_from_content : (3, 3) from content radiance [rel] to XYZ [cd/m2].
-    covariance : (9, 9) of its entries, row by row, from the meter's errors, taken as independent;
-        errors of the calibration are not included.
+    colour : from content radiance to XYZ; its covariance is from the meter's errors, taken as independent,
+        without errors of the calibration.
     readings : without those of black. residual_de2000 : (n,) of each, for the reference white.
     additivity : of the projector with the largest error; None if all four patches were read nowhere.
     contrast : lowest ratio of white to black; None without a reading of black.
     notes : warnings for the user.
     """
 
-    xyz_from_content: Array
-    covariance: Array
+    colour: AbsoluteColour
     readings: tuple[MeterReading, ...]
     residual_de2000: Array
     additivity: Additivity | None
     contrast: float | None
     notes: tuple[str, ...]
-
-    @property
-    def sigma(self) -> Array:
-        """Standard errors (3, 3) of `xyz_from_content` [cd/m2]."""
-        return np.sqrt(np.diag(self.covariance)).reshape(3, 3)
-
-    @property
-    def white(self) -> Array:
-        """XYZ (3,) of the reference white [cd/m2]."""
-        return np.asarray(self.xyz_from_content.sum(axis=1))
-
-    @property
-    def nits_per_unit(self) -> tuple[float, float]:
-        """Luminance of the reference white (relative radiance 1) and its standard error [cd/m2]."""
-        return float(self.white[1]), float(np.sqrt(self.covariance[3:6, 3:6].sum()))
 
     @property
     def worst(self) -> tuple[MeterReading, float]:
@@ -122,8 +105,7 @@ def fit_absolute(readings: Sequence[MeterReading], calibration: Calibration) -> 
         *_black_notes(blacks, dark, matrix),
     ]
     return AbsoluteLight(
-        matrix,
-        covariance * chi2,
+        AbsoluteColour(matrix, covariance * chi2),
         tuple(lit),
         colour_difference(samples.xyz, samples.predicted(matrix), white),
         additivity,

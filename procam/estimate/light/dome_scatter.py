@@ -91,6 +91,6 @@ def _check_lens(camera: str, seen_sr: float, lit_sr: float) -> None:
     if seen_sr > (1 + MAX_EXCESS) * lit_sr:
         raise OutOfModelRange(
             f"camera {camera}: its pixels cover {seen_sr:.3g} sr of the lit part of the screen, which has "
-            f"{lit_sr:.3g} sr. The lens is wrong near the picture's edge: measure it with `procam camera`, "
-            'boards at the edge included, and set intrinsics = "fixed"'
+            f"{lit_sr:.3g} sr. The lens is wrong near the picture's edge: measure it with `procam lens "
+            'board`, boards at the edge included, and set intrinsics = "fixed"'
         )

@@ -41,7 +41,7 @@ def vignetting_notes(per_flux: Image, view: DomeView) -> list[str]:
     return [
         f"camera {camera}: venue.toml has no vignetting of its lens, and scattered light {seen} towards the "
         f"edge of its picture; gains and black carry it, by about {rms:.0%} and most at the edge, and the "
-        "standard errors of m and albedo include it. Measure it with `procam vignetting`; [0] is "
+        "standard errors of m and albedo include it. Measure it with `procam lens vignetting`; [0] is "
         "for a lens that was found to have none"
     ]
 

@@ -5,8 +5,8 @@ A capture session of a projection dome, bundled by procam.
 
 To solve it again:
 
-    procam bundle --open THIS.zip NEW-VENUE
-    procam solve NEW-VENUE/sessions/0001
+    procam venue unpack THIS.zip NEW-VENUE
+    procam session solve NEW-VENUE/sessions/0001
 
 The maps are the same to the last bit as those of the venue it is from, with the same versions of procam
 and its libraries. No device is needed.

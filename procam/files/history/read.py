@@ -124,5 +124,5 @@ def verify_unchanged(venue_dir: Path, directory: Path) -> None:
     if changed := list(changed_files(venue_dir, directory)):
         raise InputError(
             f"{venue_dir}: {', '.join(changed)} changed since procam wrote it; restore the file, or go "
-            f"back to another calibration with `procam history {venue_dir} --restore N`"
+            f"back to another calibration with `procam venue use {venue_dir}@N`"
         )

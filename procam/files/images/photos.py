@@ -234,8 +234,8 @@ def _exposure(path: Path, header: Any) -> float:
     found = _number(header, "ExposureTime")
     if found is None:
         raise FileFormatError(
-            f"{path} has no exposure in its header; give the exposures to `procam response --exposures`, "
-            'and set response = "FILE.csv" in venue.toml to the file that it writes'
+            f"{path} has no exposure in its header; give the exposures to `procam lens response "
+            "--exposures`, which writes a curve for venue.toml"
         )
     return found
 

@@ -101,8 +101,12 @@ def load_venue(directory: Path) -> Venue:
         raise InputError(
             f"{path}: no such file; make a venue folder with `procam init {directory} --template NAME`"
         )
-    raw = read_toml(path)
-    names = _backend_names(raw)
+    return checked_venue(directory, read_toml(path))
+
+
+def checked_venue(directory: Path, raw: dict[str, Any]) -> Venue:
+    """The venue of a venue.toml that is read already; all mistakes at once, one per line."""
+    path, names = directory / "venue.toml", _backend_names(raw)
     backends = {name: raw.pop(name, {}) for name in names}
     try:
         table = VenueTable.model_validate(raw)

@@ -1,4 +1,4 @@
-"""`procam capture VENUE --dry-run`: how long a capture session takes, and what a part of it gives."""
+"""`procam session capture --dry-run`: how long a session takes, and what a part of it gives."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass

@@ -1,15 +1,25 @@
 """The lines of `procam forecast`: figures with their bands, without and with compensation."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, fields
+from pathlib import Path
 from textwrap import wrap
 from typing import Any
 
-from procam.workflows.forecast import Band, Levels, PictureFigures, band
+from procam.files.versions import chosen_calibration
+from procam.workflows.forecast import Band, Levels, PictureFigures, Prospect, band
 
 COLUMNS, LABEL, FIGURE = 100, 37, 31  # widths of the table
 Ends = Sequence[Levels] | Sequence[PictureFigures]
+Described = Mapping[str, float | None]  # a planned dome by option; None where one is not given
+USUAL = {
+    "albedo_sigma": 0.03,
+    "reflecting": 1.0,
+    "half_angle_deg": 90.0,
+    "floor_albedo": 0.1,
+    "contrast": 2000.0,
+}
 
 
 def light_lines(title: str, ends: Sequence[Levels], unit: str, *, value: int = 1) -> Iterator[str]:
@@ -101,3 +111,44 @@ def _verdict(unclipped: Band) -> str:
     if unclipped.low == unclipped.high:
         return "yes" if unclipped.value else "no"
     return f"{'yes' if unclipped.value else 'no'}, but not at both ends"
+
+
+def metered_nits(prospect: Prospect) -> float | None:
+    """Luminance of the reference white by a hand meter [cd/m2]."""
+    absolute = prospect.ends[1].absolute
+    return absolute.nits_per_unit[0] if absolute else None
+
+
+def assumptions_of(
+    prospect: Prospect, venue: Path | None, described: Described, lumens: float | None
+) -> Iterator[str]:
+    """The assumptions behind the figures."""
+    yield (
+        "matte screen; 1.0 of a picture (255 of 8 bits) is the white that every lit place reaches "
+        "without inter-reflection; luminance of R, G and B weighted as in ITU-R BT.709"
+    )
+    if venue is not None:
+        yield f"everything measured by {chosen_calibration(venue)}; bands: 95 % of its feedback"
+        if nits := metered_nits(prospect):
+            yield f"by a hand meter 1.0 is {nits:.3g} cd/m2, as direct light"
+    else:
+        values = {n: USUAL[n] if described[n] is None else described[n] for n in USUAL}
+        yield (
+            f"albedo {described['albedo']:g} with sigma {values['albedo_sigma']:g}; bands: both ends "
+            "of its 95 % interval"
+        )
+        yield (
+            f"cap of {values['half_angle_deg']:g} degrees, level, {described['coverage']:.4g} of it "
+            f"lit down from the pole, {values['reflecting']:.4g} of it painted; floor of albedo "
+            f"{values['floor_albedo']:g} as wide as the rim"
+        )
+        yield (
+            f"projectors of {values['contrast']:g}:1 full white to full black; where pictures "
+            "overlap, black is brighter than printed here"
+        )
+    if lumens is not None:
+        radius = prospect.ends[1].screen.radius_m
+        yield (
+            f"{lumens:g} lm, all on the {prospect.lit_sr * radius**2:.4g} m2 that are lit, radius "
+            f"{radius:g} m; blending, masks and light that misses the dome reduce this"
+        )

@@ -6,30 +6,53 @@ from typing import Annotated
 import typer
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of text.")]
-VenueArgument = Annotated[Path, typer.Argument(help="Venue folder with a venue.toml.")]
 
 
-def _of_venue(path: Path) -> Path:
+def _without_number(path: Path) -> Path:
+    from procam.errors import InputError
+
+    if "@" in path.name and not path.exists():
+        raise InputError(
+            f"{path}: this command takes no calibration, but a venue; leave out @ and what follows"
+        )
+    return path
+
+
+def _calibration_of(path: Path) -> Path:
     from procam.files.versions import chosen_calibration
 
     return chosen_calibration(path)
 
 
-CalibrationArgument = Annotated[
-    Path,
-    typer.Argument(
-        help="Calibration directory, such as VENUE/calibrations/0001, or a venue for the one in use.",
-        callback=_of_venue,
-    ),
-]
+def _session_of(path: Path) -> Path:
+    from procam.workflows.capture.newest import planned_session
 
-FromArgument = Annotated[
+    return planned_session(path)
+
+
+VenueArgument = Annotated[
     Path,
     typer.Argument(
-        metavar="VENUE|CALIBRATION",
-        help="Venue folder, for its calibration in use; or one of VENUE/calibrations.",
+        metavar="VENUE", help="Venue folder with a venue.toml.", callback=_without_number
     ),
 ]
+SessionArgument = Annotated[
+    Path,
+    typer.Argument(
+        metavar="VENUE|SESSION",
+        help="Venue folder, for its newest session; or one such as VENUE/sessions/0001.",
+        callback=_session_of,
+    ),
+]
+SUBJECT = (
+    "Venue, for its calibration in use; VENUE@3 for its calibration 3; or a calibration's folder."
+)
+
+
+CalibrationArgument = Annotated[
+    Path, typer.Argument(metavar="VENUE@N", help=SUBJECT, callback=_calibration_of)
+]
+FromArgument = Annotated[Path, typer.Argument(metavar="VENUE@N", help=SUBJECT)]
 RoundPhotos = Annotated[
     Path | None,
     typer.Option(help="By hand: folder with the photographs that the run before asked for."),
@@ -80,13 +103,6 @@ OrderOption = Annotated[
 SquaresOption = Annotated[str, typer.Option(help="Squares of the board, all counted: 10x7.")]
 SquareOption = Annotated[float, typer.Option(help="Edge of a square, in mm.")]
 
-# a camera measured apart from a capture session
-PhotosArgument = Annotated[
-    list[Path], typer.Argument(help="Linear 16-bit TIFF or PNG, or EXR; or folders of them.")
-]
-CameraVenueOption = Annotated[
-    Path, typer.Option(help="Venue folder; its venue.toml has the camera's lens.")
-]
 CameraOption = Annotated[str, typer.Option(help="Camera's name in venue.toml.")]
 
 # frames of a show

@@ -36,6 +36,12 @@ def check_out(out: Path, suffix: str, *, replace: bool = True, option: str = "--
         )
 
 
+def check_new_folder(out: Path) -> None:
+    """Refuse a folder for pictures that has something in it."""
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise InputError(f"{out} is not empty; give a new or empty folder for the pictures")
+
+
 def two_counts(option: str, text: str, form: str) -> Size:
     """The two numbers of an option such as 10x7."""
     match = re.fullmatch(r"(\d+)x(\d+)", text)

@@ -35,7 +35,7 @@ from procam.workflows.playout.sources import FILE
 if TYPE_CHECKING:
     from procam.workflows.events import Event
 
-EXAMPLE = "procam compensate my-dome/calibrations/0001 sky.%04d.exr direct"
+EXAMPLE = "procam compensate my-dome sky.%04d.exr direct"
 Rows = dict[int, dict[str, Any]]  # lines of the report by frame
 SourceArgument = Annotated[
     Path,
@@ -78,14 +78,14 @@ ToOption = Annotated[
     str,
     typer.Option(
         help="screen, for dome masters of direct light, or projectors: OUT is then a folder for the "
-        "frames of each, as procam warp makes them, in one pass."
+        "frames of each, warped and blended. IN that is direct light already needs --method none."
     ),
 ]
 ReportOption = Annotated[
     Path | None,
     typer.Option(help="FILE.csv with a line per frame; FILE.plot.png is a plot of it."),
 ]
-SizeOption = Annotated[int, typer.Option(help="With -: edge of the frames, in px.")]
+EdgeOption = Annotated[int, typer.Option(help="With -: edge of the frames, in px.")]
 PixelsOption = Annotated[str, typer.Option(help="With -: rgb24, rgb48le, rgbf16le or rgbf32le.")]
 
 
@@ -105,7 +105,7 @@ def compensate(
     frames: FramesOption = None,
     to: ToOption = "screen",
     report: ReportOption = None,
-    size: SizeOption = 0,
+    edge: EdgeOption = 0,
     pixels: PixelsOption = "",
     json: Json = False,
 ) -> None:
@@ -116,26 +116,28 @@ def compensate(
     was stopped is resumed. On a pipe each frame is sent at once, and stderr reports the latency at
     the end.
     """
-    settings = FrameSettings(method, state, strength, white, transfer, db, white_nits)
+    settings = FrameSettings(method, state, strength, white, transfer, db, white_nits).at(
+        calibration
+    )
     output = Output(json)
     _check_plots(explain, report)
     some = None if frames is None else FrameRange.parsed(frames)
     if some and explain:
         raise InputError("--explain shows the first frame of IN; leave out --frames")
-    if (size or pixels) and PIPE not in (source, out):
-        raise InputError("--size and --pixels are for pipes; use them with - as IN and OUT")
+    if (edge or pixels) and PIPE not in (source, out):
+        raise InputError("--edge and --pixels are for pipes; use them with - as IN and OUT")
     if to != "screen":
         from procam.workflows.playout.warp import warp_file
 
         _check_to(to, [source, out], settings, plots=bool(explain or report))
-        report_frames(warp_file(calibration, source, out, None, settings, some), source, output)
+        report_frames(warp_file(calibration, source, out, settings, some), source, output)
         return
     if PIPE in (source, out):
         if output.as_json or explain or some:
             raise InputError(
                 "--json, --explain and --frames cannot be used on a pipe: stdout carries all frames"
             )
-        _on_pipe(calibration, RawFrames(source, out, size, pixels), settings, report)
+        _on_pipe(calibration, RawFrames(source, out, edge, pixels), settings, report)
         return
     rows: Rows = {}
     beside, again = _beside(explain, report), report is not None
@@ -155,7 +157,8 @@ def _check_to(to: str, files: list[Path], settings: FrameSettings, *, plots: boo
     if plots or PIPE in files or settings.strength != 1:
         raise InputError(
             "--to projectors writes files of each projector at full strength: leave out --strength, "
-            "--report, --explain and pipes, or compensate to the screen and run procam warp"
+            "--report, --explain and pipes, or compensate to the screen and then "
+            "take those frames with --method none"
         )
 
 

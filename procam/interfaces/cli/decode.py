@@ -33,7 +33,7 @@ from procam.interfaces.cli._paths import SUFFIXES, Picture, check_out, panel_siz
 from procam.interfaces.plots.correspondence import draw_map
 from procam.model.correspondence import CorrespondenceMap, ProjectorMap
 
-EXAMPLE = "procam decode photos --size 1024x768 --code gray --out map.exr"
+EXAMPLE = "procam decode photos map.exr --size 1024x768 --code gray"
 Limits = tuple[float | None, float | None]  # white - black, contrast [counts]; None: automatic
 
 
@@ -41,14 +41,16 @@ def decode(
     images: Annotated[
         Path,
         typer.Argument(
-            help="Folder of photographs, sorted by name as the pictures of procam patterns: white, "
+            help="Folder of photographs, sorted by name as the pictures of `procam lens patterns`: white, "
             "black, sinusoids; or for stripes, as OpenCV's, column bits (finest last) as pattern, "
             "inverse; row bits; white; black. --order names another order."
         ),
     ],
+    out: Annotated[
+        Path, typer.Argument(metavar="OUT.exr", help="Map: projector.x, projector.y, sigma.")
+    ],
     *,
     size: SizeOption,
-    out: Annotated[Path, typer.Option(help="EXR map: projector.x, projector.y, sigma.")],
     code: CodeOption = DEFAULT_CODE,
     order: OrderOption = "",
     white_black: Annotated[
@@ -161,7 +163,7 @@ def _decoded(files: list[Path], code: Code, limits: Limits, verdict: SetReport) 
 def _check_outputs(folder: Path, out: Path, *others: Path) -> None:
     if out.resolve().parent == folder.resolve():
         raise InputError(f"{out}: lies among the photographs; choose another folder for it")
-    check_out(out, ".exr")
+    check_out(out, ".exr", option="OUT")
     for path in others:
         if path.exists() and not out.exists():
             raise InputError(

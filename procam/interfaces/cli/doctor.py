@@ -48,8 +48,8 @@ def doctor(
     photos: Annotated[
         Path | None,
         typer.Option(
-            help="By hand: folder of test photographs of pictures of `procam patterns`: of each projector "
-            "white, black and two stripes, and one of the dark. With --behaviour: those that it asked for."
+            help="By hand: folder of test photographs of pictures of `procam session plan`: of each "
+            "projector white, black and two stripes, and one of the dark. With --behaviour: those asked for."
         ),
     ] = None,
     replace: ReplaceRound = False,

@@ -1,6 +1,6 @@
 """`procam forecast`: contrast and white to expect of a dome, before anything is bought.
 
-A dome is described by options, or measured by a venue's newest calibration. Figures are printed as value
+A dome is described by options, or measured by a calibration. Figures are printed as value
 (low .. high), over what is uncertain: the 95 % interval of albedo or feedback, and venue states.
 """
 
@@ -18,11 +18,15 @@ import typer
 from procam.errors import InputError
 from procam.files import atomic
 from procam.files.calibration import load_calibration
-from procam.files.versions import chosen_calibration
+from procam.files.versions import chosen_calibration, venue_of_calibration
 from procam.interfaces.cli._forecast_text import (
     COLUMNS,
+    USUAL,
+    Described,
     assumed_lines,
+    assumptions_of,
     light_lines,
+    metered_nits,
     picture_lines,
     plain,
 )
@@ -48,14 +52,6 @@ from procam.workflows.forecast import (
 from procam.workflows.refine.stored_pictures import read_square
 
 EXAMPLE = "procam forecast --albedo 0.5 --coverage 0.9 --lumens 60000 --radius-m 8 sky.png"
-Described = Mapping[str, float | None]
-USUAL = {
-    "albedo_sigma": 0.03,
-    "reflecting": 1.0,
-    "half_angle_deg": 90.0,
-    "floor_albedo": 0.1,
-    "contrast": 2000.0,
-}
 UNCHANGED = (
     "Compensation does not change the contrast of black beside white: it dims both by one factor. "
     "It restores white, mid-tones, colours and gradients."
@@ -66,7 +62,7 @@ def forecast(
     paths: Annotated[
         list[Path] | None,
         typer.Argument(
-            metavar="VENUE|IMAGE",
+            metavar="VENUE@N|IMAGE",
             help="First a calibrated venue, if there is one; then dome masters: PNG, TIFF or EXR.",
         ),
     ] = None,
@@ -127,16 +123,16 @@ def _forecast(
     output: Output,
 ) -> None:
     """`described` is a planned dome, None where an option was not given."""
-    venue = paths[0] if paths and paths[0].is_dir() else None
+    venue = paths[0] if paths and _is_calibrated(paths[0]) else None
     prospect = _prospect(venue, described)
     _check_light(lumens, described, venue)
     read = {str(p): read_square(p) for p in paths[1 if venue else 0 :]}
     contents = {path: sampled(content) for path, (content, _) in read.items()}
     levels = _levels(prospect, lumens)
-    unit = RELATIVE if lumens is None else "cd/m2"
+    unit = RELATIVE if lumens is None and not metered_nits(prospect) else "cd/m2"
     pictures = {path: _picture(prospect, content) for path, content in contents.items()}
     states = _States.of(prospect, lumens, contents)
-    assumptions = list(_assumptions(prospect, venue, described, lumens))
+    assumptions = list(assumptions_of(prospect, venue, described, lumens))
     assumptions += [note for _, note in read.values() if note]
     document = {
         "unit": unit,
@@ -163,6 +159,11 @@ def _forecast(
     if out is not None:
         output.say(f"{out / 'forecast.png'} and {out / 'forecast.json'} written")
     output.finish(document)
+
+
+def _is_calibrated(path: Path) -> bool:
+    """Whether it is a venue, or VENUE@N, and no picture."""
+    return path.is_dir() or venue_of_calibration(path) != path
 
 
 def _prospect(venue: Path | None, described: Described) -> Prospect:
@@ -250,9 +251,9 @@ def _levels(prospect: Prospect, lumens: float | None) -> list[Levels]:
 
 
 def _white(prospect: Prospect, dome: Calibration, lumens: float | None) -> float:
-    """Light of a direct white of 1.0: in cd/m2 if lumens are given."""
+    """Light of a direct white of 1.0: in cd/m2 if lumens are given, or a hand meter has read it."""
     if lumens is None:
-        return 1.0
+        return metered_nits(prospect) or 1.0
     paint = float(LUMINANCE @ dome.albedo.value)
     return white_luminance(lumens, dome.screen.radius_m, prospect.lit_sr, paint)
 
@@ -261,39 +262,6 @@ def _picture(prospect: Prospect, content: np.ndarray) -> tuple[list[PictureFigur
     """A picture's figures at the ends and in the middle, and how it is seen in the middle."""
     figures, seen = zip(*(picture_figures(c, content) for c in prospect.ends), strict=True)
     return list(figures), seen[1]
-
-
-def _assumptions(
-    prospect: Prospect, venue: Path | None, described: Described, lumens: float | None
-) -> Iterator[str]:
-    """The assumptions behind the figures."""
-    yield (
-        "matte screen; 1.0 of a picture (255 of 8 bits) is the white that every lit place reaches "
-        "without inter-reflection; luminance of R, G and B weighted as in ITU-R BT.709"
-    )
-    if venue is not None:
-        yield f"everything measured by {chosen_calibration(venue)}; bands: 95 % of its feedback"
-    else:
-        values = {n: USUAL[n] if described[n] is None else described[n] for n in USUAL}
-        yield (
-            f"albedo {described['albedo']:g} with sigma {values['albedo_sigma']:g}; bands: both ends "
-            "of its 95 % interval"
-        )
-        yield (
-            f"cap of {values['half_angle_deg']:g} degrees, level, {described['coverage']:.4g} of it "
-            f"lit down from the pole, {values['reflecting']:.4g} of it painted; floor of albedo "
-            f"{values['floor_albedo']:g} as wide as the rim"
-        )
-        yield (
-            f"projectors of {values['contrast']:g}:1 full white to full black; where pictures "
-            "overlap, black is brighter than printed here"
-        )
-    if lumens is not None:
-        radius = prospect.ends[1].screen.radius_m
-        yield (
-            f"{lumens:g} lm, all on the {prospect.lit_sr * radius**2:.4g} m2 that are lit, radius "
-            f"{radius:g} m; blending, masks and light that misses the dome reduce this"
-        )
 
 
 def _option(name: str) -> str:

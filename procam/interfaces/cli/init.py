@@ -36,7 +36,7 @@ def init(
         )
     path = create_venue(venue, template) / "venue.toml"
     by_hand = any(c.backend == BY_HAND for c in load_venue(venue).table.cameras.values())
-    first = f"patterns {venue} --out PICTURES" if by_hand else f"capture {venue} --dry-run"
+    first = f"plan {venue} PICTURES" if by_hand else f"capture {venue} --dry-run"
     output = Output(json)
-    output.say(f"{path} written; edit it, then run: procam {first}")
+    output.say(f"{path} written; edit it, then run: procam session {first}")
     output.finish({"venue": str(path)})

@@ -1,8 +1,8 @@
 """The `procam` command: its list of commands, and how errors end the process.
 
-Each command is a module of this package with a function of the same name, whose signature typer turns
-into options, and an `EXAMPLE`. A module is imported only when its command runs or its own help is
-shown, so `procam --help` needs none of the libraries that compute.
+Each command is a module of this package, or of a group in it, with a function of the same name, whose
+signature typer turns into options, and an `EXAMPLE`. A module is imported only when its command runs or
+its own help is shown, so `procam --help` needs none of the libraries that compute.
 """
 
 import gc
@@ -10,6 +10,7 @@ import json
 import os
 import sys
 import traceback
+from collections.abc import Callable
 from contextlib import suppress
 from importlib import import_module
 from typing import Annotated, Any, NoReturn
@@ -24,7 +25,8 @@ from procam.interfaces.cli._run_log import end_log
 
 BY_SIGNAL = 128  # plus a signal's number: the exit code of a process that it has ended
 SETTINGS = {"help_option_names": ["-h", "--help"]}
-# by panel of the list, in its order; a test compares the texts with the first lines of the functions
+# by panel of the list, in its order; a test compares the texts with the first lines of the functions.
+# A name of two words is a command of a group.
 PANELS = {
     "Before anything is bought": {
         "demo": "Calibrate a simulated dome, compensate a picture, and compare both with the truth.",
@@ -33,76 +35,107 @@ PANELS = {
     "The venue": {
         "init": "Write a complete, commented venue.toml to start from.",
         "doctor": "Check that every device of a venue can be reached, exposed and resolved; exit 1 if not.",
-        "capture": "Show the patterns and photograph them; a run that was stopped is resumed.",
-        "solve": "Calibrate from stored captures alone, and report; no device is touched.",
         "calibrate": "Capture, solve and report in one run.",
         "refine": "Show the compensated picture, photograph it and correct the residual; a new calibration.",
         "state": "Measure the venue with its present audience and its own lamps; a new calibration.",
+        "meter": "Make a calibration absolute with a hand meter; exit 1 if the two disagree.",
         "verify": "Say what has changed at a venue since it was calibrated, and why; exit 1 if anything has.",
         "recalibrate": "Measure the projectors again that have changed, and nothing else; a new calibration.",
-        "history": "List what was done at a venue, compare its calibrations, and go back to one of them.",
-        "report": "Write report.html, one self-contained file; exit 1 if a limit of the client is not kept.",
-        "bundle": "Write a session into one file that can be solved elsewhere, or open such a file.",
+        "report": "Write report.html and operator-sheet.html; exit 1 if a limit of the client is not kept.",
         "projector": "Query or control a projector over its serial remote control.",
-    },
-    "By hand": {
-        "patterns": "Write the pictures of a venue's capture session, or of one code, to show by any means.",
-        "ingest": "Assign photographs taken by hand or by another program to the shots of a session.",
     },
     "The show": {
         "compensate": "Take the scattered light out of dome masters.",
         "preview": "Write a page that shows a picture by each method beside its target, to choose by.",
-        "warp": "Make each projector's frames: warp, blend, colour, response.",
-        "track": "Write what a player needs to compensate a show by itself, without encoding it anew.",
-        "ask": "Write a page that asks people which of two compensated pictures they prefer.",
-        "answers": "Analyse what people answered: which method they prefer, how sure that is.",
+        "export": "Write what another program needs to show a calibrated venue.",
     },
-    "Camera and projector": {
-        "response": "Solve how a camera encodes light, from photographs at three exposures or more.",
-        "glare": "Measure a lens's veiling glare with a light trap in the middle of a bright surface.",
-        "vignetting": "Measure how a lens darkens towards the rim; prints the line for venue.toml.",
-        "camera": "Solve a camera's lens from photographs of a flat board; exit 1 if it fits badly.",
-        "pair": "Solve a projector and a camera from a flat chessboard; exit 1 if it fits badly.",
+    "Step by step, and on a desk": {
+        "session plan": "Write the pictures of a capture session, to show and photograph by hand.",
+        "session capture": "Show the patterns and photograph them; a run that was stopped is resumed.",
+        "session add": "Assign photographs taken by hand or by another program to the shots of a session.",
+        "session undo": "Set all photographs of a camera aside, to begin again.",
+        "session solve": "Calibrate from stored captures alone, and report; no device is touched.",
+        "venue status": "List what was done at a venue, its calibrations, and which of them is in use.",
+        "venue show": "Print the figures of a calibration, and those of all over time to a plot or a table.",
+        "venue use": "Use calibration N of a venue until a later one is made.",
+        "venue compare": "Compare two calibrations of a rig; exit 1 if they differ by more than a rotation.",
+        "venue prune": "Delete captures that keep_sessions in venue.toml does not keep.",
+        "venue pack": "Write a session into one file that can be solved elsewhere.",
+        "venue unpack": "Unpack a session that `procam venue pack` wrote, as a venue to solve.",
+        "lens board": "Solve a camera's lens from photographs of a flat board; exit 1 if it fits badly.",
+        "lens patterns": "Write the pictures of a code, for `procam decode` and `procam lens pair`.",
+        "lens pair": "Solve a projector and a camera from a flat chessboard; exit 1 if it fits badly.",
+        "lens response": "Solve how a camera encodes light, from photographs at three exposures or more.",
+        "lens glare": "Measure a lens's veiling glare with a light trap in the middle of a bright surface.",
+        "lens vignetting": "Measure how a lens darkens towards the rim, for venue.toml.",
         "decode": "Decode a folder of structured-light photographs; needs no venue.",
-    },
-    "Checks": {
-        "judge": "Compare a calibration with the truth; exit 1 if a figure misses its goal.",
-        "compare": "Compare two calibrations of a rig; exit 1 if they differ by more than a rotation.",
         "inspect": "Describe a file or folder that procam has written, and check that it is whole.",
-        "reproduce": "Remake figures and studies of the documentation; without a NAME, list them.",
-        "meter": "Make a calibration absolute with a hand meter; exit 1 if the two disagree.",
     },
+}
+GROUPS = {
+    "session": "A capture session step by step, driven or by hand.",
+    "venue": "What was done at a venue, its calibrations, and sessions as files.",
+    "lens": "Measure a camera, or a projector, on a desk.",
 }
 COMMANDS = {name: text for panel in PANELS.values() for name, text in panel.items()}
 
 
 class LazyGroup(TyperGroup):
-    """The commands of the list, each imported only when it is needed."""
+    """The commands of the list, or of one group, each imported only when it is needed."""
 
     def __init__(self, **settings: Any) -> None:
-        placeholders = {
-            name: TyperCommand(name, help=text, rich_help_panel=panel)
-            for panel, commands in PANELS.items()
-            for name, text in commands.items()
-        }
-        super().__init__(**settings | {"commands": placeholders})
+        name = settings["name"]
+        self._prefix = f"{name} " if name in GROUPS else ""
+        commands = _group(name) if name in GROUPS else _top()
+        super().__init__(**settings | {"commands": commands})
 
     def resolve_command(self, ctx: Any, args: list[str]) -> tuple[str | None, Any, list[str]]:
         """The command that the arguments name, imported."""
-        name, placeholder, rest = super().resolve_command(ctx, args)
-        return name, load_command(name) if name and placeholder else None, rest
+        name, found, rest = super().resolve_command(ctx, args)
+        if isinstance(found, LazyGroup) or not (name and found):
+            return name, found, rest
+        return name, load_command(self._prefix + name), rest
+
+
+def _top() -> dict[str, Any]:
+    """Commands and groups in the order of the list."""
+    commands = dict[str, Any]()
+    for panel, listed in PANELS.items():
+        for name, text in listed.items():
+            group, _, inner = name.partition(" ")
+            if not inner:
+                commands[name] = TyperCommand(name, help=text, rich_help_panel=panel)
+            elif group not in commands:
+                commands[group] = LazyGroup(
+                    name=group,
+                    help=GROUPS[group],
+                    rich_help_panel=panel,
+                    no_args_is_help=True,
+                    context_settings=SETTINGS,
+                )
+    return commands
+
+
+def _group(group: str) -> dict[str, Any]:
+    """Commands of a group by their second word."""
+    names = (name for name in COMMANDS if name.startswith(f"{group} "))
+    return {
+        inner: TyperCommand(inner, help=COMMANDS[name])
+        for name in names
+        for inner in [name.partition(" ")[2]]
+    }
 
 
 def load_command(name: str) -> Any:
     """Import the module of a command and make the command of its function."""
     gc.disable()  # it would look through all modules several times while they are made
     try:
-        module = import_module(f"procam.interfaces.cli.{name}")
+        module = import_module(f"procam.interfaces.cli.{name.replace(' ', '.')}")
     finally:
         gc.enable()
-    single = typer.Typer(add_completion=False)
+    single, function = typer.Typer(add_completion=False), name.rpartition(" ")[2]
     example = f"Example: {module.EXAMPLE}"
-    single.command(name, context_settings=SETTINGS, epilog=example)(getattr(module, name))
+    single.command(function, context_settings=SETTINGS, epilog=example)(getattr(module, function))
     return typer.main.get_command(single)
 
 
@@ -138,11 +171,11 @@ def procam(
     """
 
 
-def main() -> None:
+def main(run_command: Callable[[], object] = app) -> None:
     """Entry point: an error becomes one line; exit 2 for bad input, 1 for a failed device or check."""
     try:
         with interruptible(process_ends=True) as run:
-            app()
+            run_command()
     except DeviceError as error:
         _end(str(error), 1)
     except ProcamError as error:

@@ -2,8 +2,8 @@
 
 import hashlib
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from importlib.metadata import version
-from json import dumps
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -22,22 +22,29 @@ from procam.estimate.light.colour_spaces import (
     unshown_saturation,
     xyy_from_xyz,
 )
-from procam.files.atomic import write_text
-from procam.files.calibration import load_calibration
+from procam.files.calibration import load_calibration, save_calibration
+from procam.files.history.read import verify_unchanged
+from procam.files.history.record import recorded
 from procam.files.meter import read_meter
-from procam.interfaces.cli._options import CalibrationArgument, Json
+from procam.files.versions import (
+    chosen_calibration,
+    next_directory,
+    use_calibration,
+    venue_of_calibration,
+)
+from procam.interfaces.cli._options import FromArgument, Json
 from procam.interfaces.cli._output import Output, as_dicts, exit_if_missed
-from procam.interfaces.cli._paths import check_out
+from procam.model.calibration import Calibration
 from procam.model.photometry import PRIMARIES
 from procam.model.quality import Figure, Goal
 
-EXAMPLE = "procam meter my-dome/calibrations/0001 readings.csv --out colour.json"
+EXAMPLE = "procam meter my-dome readings.csv"
 SPACES = ("Rec.709", "P3-D65", "Rec.2020")
 LEAST_LOST = 0.005  # of a primary's saturation; less is not printed
 
 
 def meter(
-    calibration: CalibrationArgument,
+    start: FromArgument,
     readings: Annotated[
         Path,
         typer.Argument(
@@ -46,7 +53,6 @@ def meter(
         ),
     ],
     *,
-    out: Annotated[Path, typer.Option(help="JSON file with what a unit of each channel is.")],
     json: Json = False,
 ) -> None:
     """Make a calibration absolute with a hand meter; exit 1 if the two disagree.
@@ -54,22 +60,37 @@ def meter(
     Show red, green, blue, white and black on the whole panel of one projector, unwarped and
     unblended, the others shuttered, in the dark. Read each from the middle of the dome at one place
     well inside the picture. A second place, or a second projector of the type, checks the first.
+    The result is a new calibration, whose white perceptual methods, previews and forecasts take.
     """
-    output = Output(json)
-    check_out(out, ".json", replace=False)
-    known = load_calibration(calibration)
+    output, venue, kept = Output(json), venue_of_calibration(start), chosen_calibration(start)
+    verify_unchanged(venue, kept)
+    known = load_calibration(kept)
     found = fit_absolute(read_meter(readings, tuple(known.projectors)), known)
     figures = _figures(found)
-    document = _document(found, figures, calibration, readings)
-    write_text(out, dumps(document, indent=1) + "\n")
     for line in _lines(found):
         output.say(line)
     output.table(figures)
     for note in found.notes:
         output.say(f"note: {note}")
-    output.say(f"{out} written")
-    output.finish({"out": str(out), **document})
+    document = _document(found, figures)
+    if any(figure.passed is False for figure in figures.values()):
+        output.say(f"nothing written, {kept} stays in use: meter and calibration disagree")
+    else:
+        provenance = {**known.provenance, "meter": _provenance(found, readings)}
+        made = replace(known, absolute=found.colour, provenance=provenance)
+        document["calibration"] = str(_kept(venue, made))
+        output.say(f"{document['calibration']} written")
+    output.finish(document)
     exit_if_missed(figures)
+
+
+def _kept(venue: Path, calibration: Calibration) -> Path:
+    """Write the calibration, the newest of its venue, and use it."""
+    with recorded(venue, "meter"):
+        out = next_directory(venue)
+        save_calibration(calibration, out)
+        use_calibration(venue, out)
+    return out
 
 
 def _figures(found: AbsoluteLight) -> dict[str, Figure]:
@@ -94,10 +115,10 @@ def _figures(found: AbsoluteLight) -> dict[str, Figure]:
 
 
 def _lines(found: AbsoluteLight) -> Iterator[str]:
-    nits, sigma = found.nits_per_unit
-    kelvin, duv = colour_temperature(found.white)
+    nits, sigma = found.colour.nits_per_unit
+    kelvin, duv = colour_temperature(found.colour.white)
     temperature = "no colour temperature" if np.isnan(kelvin) else f"{kelvin:.0f} K"
-    x, y, _ = xyy_from_xyz(found.white)
+    x, y, _ = xyy_from_xyz(found.colour.white)
     yield (
         f"reference white: {nits:.4g} +- {sigma:.2g} cd/m2, x {x:.4f} y {y:.4f}, {temperature} "
         f"(Duv {duv:+.4f})"
@@ -119,48 +140,43 @@ def _lines(found: AbsoluteLight) -> Iterator[str]:
 
 def _primaries(found: AbsoluteLight) -> dict[str, list[float]]:
     """X, y and Y of each content channel at 1."""
-    each = xyy_from_xyz(found.xyz_from_content.T)
+    each = xyy_from_xyz(found.colour.xyz_from_content.T)
     return {name: row.tolist() for name, row in zip(PRIMARIES, each, strict=True)}
 
 
 def _unshown(found: AbsoluteLight) -> dict[str, dict[str, float]]:
     """By colour space and primary, with the dome's white as the space's."""
-    matrix = found.xyz_from_content
+    matrix = found.colour.xyz_from_content
     shares = {s: unshown_saturation(content_from_rgb(s, matrix), matrix) for s in SPACES}
     return {
         space: dict(zip(PRIMARIES, share.tolist(), strict=True)) for space, share in shares.items()
     }
 
 
-def _document(
-    found: AbsoluteLight, figures: Mapping[str, Figure], calibration: Path, readings: Path
-) -> dict[str, Any]:
-    nits, sigma = found.nits_per_unit
-    kelvin, duv = colour_temperature(found.white)
+def _document(found: AbsoluteLight, figures: Mapping[str, Figure]) -> dict[str, Any]:
+    colour = found.colour
+    nits, sigma = colour.nits_per_unit
+    kelvin, duv = colour_temperature(colour.white)
+    matrix = {"value": colour.xyz_from_content.tolist(), "sigma": colour.sigma.tolist()}
     return {
-        "schema_version": 1,
-        "xyz_from_content": {
-            "value": found.xyz_from_content.tolist(),
-            "sigma": found.sigma.tolist(),
-        },
+        "calibration": None,
+        "xyz_from_content": matrix,
         "nits_per_unit": {"value": nits, "sigma": sigma},
-        "white_xy": xyy_from_xyz(found.white)[:2].tolist(),
+        "white_xy": xyy_from_xyz(colour.white)[:2].tolist(),
         "white_temperature_k": None if np.isnan(kelvin) else kelvin,
         "white_duv": duv,
         "primaries_xy": {name: row[:2] for name, row in _primaries(found).items()},
         "contrast": found.contrast,
         "unshown_saturation": _unshown(found),
-        "quality": as_dicts(figures),
-        "provenance": {
-            "calibration": str(calibration),
-            "calibration_sha256": _sha256(calibration / "calibration.json"),
-            "readings": readings.name,
-            "readings_sha256": _sha256(readings),
-            "versions": {name: version(name) for name in ("procam", "colour-science")},
-            "notes": list(found.notes),
-        },
+        "figures": as_dicts(figures),
+        "notes": list(found.notes),
     }
 
 
-def _sha256(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+def _provenance(found: AbsoluteLight, readings: Path) -> dict[str, Any]:
+    return {
+        "readings": readings.name,
+        "readings_sha256": hashlib.sha256(readings.read_bytes()).hexdigest(),
+        "versions": {name: version(name) for name in ("procam", "colour-science")},
+        "notes": list(found.notes),
+    }

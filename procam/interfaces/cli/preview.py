@@ -24,10 +24,11 @@ def preview(
     picture: Annotated[
         Path, typer.Argument(metavar="PICTURE", help="Dome master; of a movie its first frame.")
     ],
-    *,
     out: Annotated[
-        Path | None, typer.Option(help="The page.  [default: PICTURE's name.preview.html]")
+        Path | None,
+        typer.Argument(metavar="OUT", help="The page; by default PICTURE's name.preview.html."),
     ] = None,
+    *,
     white: WhiteOption = "summed",
     transfer: TransferOption = None,
     state: StateOption = None,
@@ -48,8 +49,9 @@ def preview(
         raise InputError("PICTURE: a preview needs a file; frames from stdin have none")
     path = out or Path(f"{_name(picture)}.preview.html")
     if path.suffix != ".html":
-        raise InputError(f"--out {path}: the name must end in .html")
+        raise InputError(f"OUT {path}: the name must end in .html")
     settings = FrameSettings("perceptual", state, 1.0, white, transfer, db, white_nits)
+    settings = settings.at(calibration)
     usual = settings.checked_method()
     assert not isinstance(usual, str)
     known, frame = load_dome(calibration), first_frame(picture)

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from procam.interfaces.cli._options import Json
+from procam.files.versions import calibration_in_use, list_calibrations
+from procam.interfaces.cli._options import Json, VenueArgument
 from procam.interfaces.cli._output import Output, as_dicts
-from procam.workflows.capture.newest import venue_of
 
 if TYPE_CHECKING:
     from procam.model.acceptance import Finding
@@ -18,44 +18,40 @@ EXAMPLE = "procam report my-dome"
 
 
 def report(
-    where: Annotated[Path, typer.Argument(metavar="VENUE|SESSION", help="What to report on.")],
-    sheet: Annotated[
-        bool,
-        typer.Option(
-            "--sheet", help="Write operator-sheet.html instead: one page for who runs the dome."
-        ),
-    ] = False,
+    venue: VenueArgument,
     stills: Annotated[
         Path | None,
         typer.Option(
             metavar="DIR",
-            help="Write test pictures to judge the dome by eye instead, with an index.",
+            help="Write test pictures to judge the dome by eye too, with an index.",
         ),
     ] = None,
     json: Json = False,
 ) -> None:
-    """Write report.html, one self-contained file; exit 1 if a limit of the client is not kept.
+    """Write report.html and operator-sheet.html; exit 1 if a limit of the client is not kept.
 
-    The limits are those of the table acceptance in venue.toml; a figure that has not been measured well
-    enough to show that its limit is kept counts as not kept.
+    Each is one self-contained file; the sheet is a page for who runs the dome. The limits are those of the
+    table acceptance in venue.toml; a figure that has not been measured well enough to show that its limit is
+    kept counts as not kept.
     """
-    output = Output(json)
-    venue = venue_of(where) if (where / "plan.json").is_file() else where
-    if not sheet and stills is None:
-        _report(venue, output)
-        return
-    document = {}
-    if sheet:
-        from procam.interfaces.report.sheet import write_sheet
+    from procam.interfaces.report.sheet import write_sheet
 
+    output = Output(json)
+    if stills is not None:
+        calibration_in_use(venue)  # refuses before anything is written
+    document, kept = _report(venue, output)
+    if list_calibrations(venue):
         document["sheet"] = str(write_sheet(venue))
         output.say(f"{document['sheet']} written")
     if stills is not None:
         document["stills"] = _stills(venue, stills, output)
     output.finish(document)
+    if not kept:
+        raise typer.Exit(1)
 
 
-def _report(venue: Path, output: Output) -> None:
+def _report(venue: Path, output: Output) -> tuple[dict[str, Any], bool]:
+    """Write the report; what it says for machines, and whether all limits are kept."""
     from procam.interfaces.plots.figure import require_matplotlib
     from procam.interfaces.report.acceptance import found
     from procam.interfaces.report.data import read_material
@@ -68,10 +64,9 @@ def _report(venue: Path, output: Output) -> None:
     _say_verdicts(judged, output)
     output.say(f"{path} written")
     acceptance = {finding.name: finding.as_dict() for finding in judged}
-    document = {"report": str(path), "acceptance": acceptance}
-    output.finish(document | {"other_seat": _other_seat(material.other_seat)})
-    if any(finding.verdict != "pass" for finding in judged):
-        raise typer.Exit(1)
+    document: dict[str, Any] = {"report": str(path), "acceptance": acceptance}
+    kept = all(finding.verdict == "pass" for finding in judged)
+    return document | {"other_seat": _other_seat(material.other_seat)}, kept
 
 
 def _other_seat(check: "SeatCheck | None") -> dict[str, Any] | None:
@@ -104,10 +99,9 @@ def _say_verdicts(judged: "Sequence[Finding]", output: Output) -> None:
 
 def _stills(venue: Path, folder: Path, output: Output) -> str:
     from procam.files.calibration import load_calibration
-    from procam.files.versions import chosen_calibration
     from procam.workflows.stills import write_stills
 
-    output.follow(write_stills(load_calibration(chosen_calibration(venue)), folder))
+    output.follow(write_stills(load_calibration(calibration_in_use(venue)), folder))
     index = str(folder / "index.txt")
     output.say(f"{index} written; it names what to look for in each picture beside it")
     return index

@@ -97,7 +97,9 @@ def not_there(what: str, command: str) -> Text:
 
 def calibrating(material: Material) -> str:
     """The command that writes a calibration and its pictures."""
-    return f"`procam calibrate {material.directory}` (by hand: `patterns`, `ingest`, `solve`)"
+    return (
+        f"`procam calibrate {material.directory}` (by hand: `procam session plan`, `add`, `solve`)"
+    )
 
 
 def signed(label: str, end: float) -> Scale:

@@ -44,7 +44,7 @@ def _missing(material: Material, used: Path) -> str:
     return (
         f"Calibration {used.name} has not been checked from another seat. To check it, put the camera more "
         f"than {far} m away from where it stood, measure the pixels of its marks and masks in venue.toml "
-        f"anew, and run {calibrating(material)}; `procam history {folder} --restore {int(used.name)}` then "
+        f"anew, and run {calibrating(material)}; `procam venue use {folder}@{int(used.name)}` then "
         f"uses this calibration again, and `procam report {folder}` shows the check."
     )
 

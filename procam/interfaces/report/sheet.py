@@ -65,10 +65,13 @@ def _play(venue: Venue, folder: str) -> Iterator[tuple[str, str]]:
     """Steps to make a show ready, as (what for, command)."""
     yield "Take the scattered light out of the show", f"procam compensate {folder} {SHOW} {READY}"
     what = "the server's movie" if is_served(venue) else "the projectors' movies"
-    yield f"Make {what}", f"procam warp {folder} {READY} {FRAMES}"
+    yield (
+        f"Make {what}",
+        f"procam compensate {folder} {READY} {FRAMES} --to projectors --method none",
+    )
     yield (
         "Or, for a player with procam's shader, only a track of the show",
-        f"procam track {folder} {SHOW} {TRACK}",
+        f"procam export {folder} shader {SHOW} {TRACK}",
     )
 
 

@@ -22,7 +22,7 @@ from procam.maths.codes.shot_id import CELLS_PER_MASTER, CELLS_PER_PANEL, draw_s
 from procam.model.plan import Plan, Shot
 from procam.workflows.capture.session_plan import plan_of_session, server_of
 
-PREFIX = "hand-"  # keeps these sessions apart from those that `procam capture` resumes
+PREFIX = "hand-"  # keeps these sessions apart from those that `procam session capture` resumes
 HOLD_S = 4  # to find the shutter button, beside twice the exposures
 BLACK_TAG_SHARE = 0.12  # of white's counts, in the photograph of black
 MOST_LIGHT_IN_BLACK = 0.01  # of white: its bounces must stay well below black's own light
@@ -37,8 +37,8 @@ def write_by_hand(venue: Venue, out: Path, movie: bool) -> Session:
     """
     # the session and the history are written first: pictures without them could not be ingested, and
     # would keep a second run from their folder
-    with locked(venue.directory, "patterns"), atomic.replacing_directory(out) as pictures:
-        with recorded(venue.directory, "patterns"):
+    with locked(venue.directory, "session plan"), atomic.replacing_directory(out) as pictures:
+        with recorded(venue.directory, "session plan"):
             folder = _next_folder(venue)
             with atomic.replacing_directory(folder) as new:
                 session = Session(new)

@@ -71,7 +71,7 @@ def ingest(
     replace what is stored already. Everything is checked before anything is written. The last event
     carries `stored`, `missing` and `notes`, one line for every photograph that was left out or guessed.
     """
-    with recorded(venue.directory, "ingest"):
+    with recorded(venue.directory, "session add"):
         plan, venue = plan_of(venue, session), with_decoded_bits(venue, session)
         model, response, notes = camera_and_response(venue, session, camera)
         paths, others = list_photos(folder)
@@ -104,12 +104,12 @@ def ingest(
 
 def undo(venue: Venue, session: Session, camera: str) -> Path:
     """Set all photographs of a camera aside, with what was solved from them; where they are now."""
-    with recorded(venue.directory, "ingest"):
+    with recorded(venue.directory, "session undo"):
         named_camera(venue, camera)
         if not session.directory.name.startswith(PREFIX):
             raise InputError(
-                f"{session.directory}: its photographs are by devices, and `procam capture` takes them; "
-                "--undo is for those that were ingested"
+                f"{session.directory}: its photographs are by devices, and `session capture` takes them; "
+                "`undo` is for those that were added by hand"
             )
         if not session.stored(camera):
             raise InputError(

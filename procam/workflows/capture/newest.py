@@ -8,7 +8,14 @@ from procam.errors import InputError
 from procam.files.history.record import recorded
 from procam.files.session import Session
 from procam.files.venue.load import Venue
-from procam.files.versions import calibrated_session, solved_sessions
+from procam.files.versions import (
+    chosen_calibration,
+    list_calibrations,
+    session_of,
+    solved_sessions,
+    venue_of_calibration,
+)
+from procam.workflows.capture.by_hand import PREFIX as BY_HAND
 from procam.workflows.capture.capture import capture, missing_shots, prepare_session
 from procam.workflows.events import Event
 from procam.workflows.venue_rig import open_rig
@@ -16,7 +23,7 @@ from procam.workflows.venue_rig import open_rig
 
 def capture_newest(venue: Venue) -> Iterator[Event]:
     """Capture into the newest unfinished session, or a new one: its folder is `data["session"]`."""
-    with recorded(venue.directory, "capture"), open_rig(venue) as rig:
+    with recorded(venue.directory, "session capture"), open_rig(venue) as rig:
         session = prepare_session(venue, newest_session(venue))
         for event in capture(rig, venue, session):
             yield replace(event, data={"session": session.directory})
@@ -58,8 +65,27 @@ def venue_of(session: Path) -> Path:
     return folder.parent
 
 
-def chosen_session(path: Path) -> Path:
-    """A session folder; of a venue the one of its calibration in use, or its only one.
+def planned_session(path: Path) -> Path:
+    """A session folder; of a venue the newest one that can be solved.
+
+    Those of recalibrations and those whose photographs were deleted are left aside.
+
+    Raises
+    ------
+    InputError
+        There is none, or there are both driven ones and some by hand.
+    """
+    if (path / "plan.json").is_file():
+        return path
+    known = [session for session in _planned(path) if not _is_aside(Session(session))]
+    kinds = {session.name.startswith(BY_HAND) for session in known}
+    if len(kinds) > 1 or not known:
+        raise InputError(f"{path}: {_which(known)}; give a folder such as VENUE/sessions/0001")
+    return known[-1]
+
+
+def solved_session(path: Path) -> Path:
+    """A session folder; that of the calibration of VENUE or VENUE@N, or a venue's only one.
 
     Raises
     ------
@@ -68,11 +94,25 @@ def chosen_session(path: Path) -> Path:
     """
     if (path / "plan.json").is_file():
         return path
-    known = sorted(plan.parent for plan in path.glob("sessions/*/plan.json"))
-    used = calibrated_session(path)
+    venue = venue_of_calibration(path)
+    known = _planned(venue)
+    used = ""
+    if path != venue or list_calibrations(venue):
+        used = session_of(chosen_calibration(path), venue)
     found = [folder for folder in known if folder.name == used] or known
     if len(found) != 1:
-        names = ", ".join(folder.name for folder in known)
-        which = f"it has sessions {names}, and none is solved" if known else "it has no session"
-        raise InputError(f"{path}: {which}; give a folder such as VENUE/sessions/0001")
+        raise InputError(f"{venue}: {_which(known)}; give a folder such as VENUE/sessions/0001")
     return found[0]
+
+
+def _planned(venue: Path) -> list[Path]:
+    return sorted(plan.parent for plan in venue.glob("sessions/*/plan.json"))
+
+
+def _is_aside(session: Session) -> bool:
+    return session.is_of_recalibration or session.is_pruned
+
+
+def _which(known: list[Path]) -> str:
+    names = ", ".join(folder.name for folder in known)
+    return f"which of its sessions {names} is meant" if known else "there is no session here"

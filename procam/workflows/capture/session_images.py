@@ -69,7 +69,7 @@ class SessionImages:
         return (
             f"{self.session.directory}: no photographs by camera {camera} of "
             f"{', '.join(missing[:SHOWN])}{more}, and all {len(self.plan.shots)} shots are needed; "
-            "photograph them and `procam ingest` again: it adds only what is missing"
+            "photograph them and `procam session add` again: it adds only what is missing"
         )
 
     def only(self, projector: str, purpose: Purpose) -> Shot:

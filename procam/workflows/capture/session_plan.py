@@ -51,7 +51,7 @@ def plan_of(venue: Venue, session: Session) -> Plan:
             wanted = f"says {entry.size[0]}x{entry.size[1]} px"
         raise InputError(
             f"{session.directory} has {found} for projector {name}, but venue.toml {wanted}. Undo the "
-            "change to venue.toml, or make new pictures (`procam capture`, by hand `procam patterns`) and "
+            "change to venue.toml, or make new pictures (`procam session capture`, by hand `plan`) and "
             "photograph those"
         )
     return plan

@@ -1,7 +1,7 @@
 """Findings of `procam doctor` in photographs of a rig that procam does not drive.
 
-The pictures of `procam patterns` carry their numbers, so any of them will do: white and black of a projector
-give its exposures, a pair of stripes the focus, photographs without a number the room.
+The pictures of `procam session plan` carry their numbers, so any of them will do: white and black of a
+projector give its exposures, a pair of stripes the focus, photographs without a number the room.
 """
 
 from collections.abc import Iterator
@@ -82,7 +82,7 @@ def newest_by_hand(venue: Venue) -> Session:
     known = sorted((venue.directory / "sessions").glob(f"{PREFIX}[0-9]*"))
     if not known:
         raise InputError(
-            f"{venue.directory}: it has no pictures yet; run: procam patterns {venue.directory} --out FOLDER"
+            f"{venue.directory}: it has no pictures yet; run: procam session plan {venue.directory} FOLDER"
         )
     return Session(known[-1])
 

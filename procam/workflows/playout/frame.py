@@ -1,8 +1,9 @@
 """One frame of any kind through the compensator: encodings in and out, and the row of the report."""
 
 from collections.abc import Callable
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from procam.compensate.light_check import LightCheck
 from procam.compensate.perceptual.settings import PERCEPTUAL, Perceptual
 from procam.compensate.solved_frame import SolvedFrame
 from procam.errors import FileFormatError, InputError
+from procam.files.calibration import metered_white
 from procam.files.images.stills import square_edge
 from procam.kernels.native.arrays import least_colour
 from procam.maths.geometry.canvas import STANDARD
@@ -46,6 +48,12 @@ class FrameSettings:
     def chunks(self) -> Chunks:
         """How a clip is split: a movie's pictures depend on those before them."""
         return VIDEO if self.method in PERCEPTUAL and PERCEPTUAL[self.method].video else EXACT
+
+    def at(self, calibration_dir: Path) -> "FrameSettings":
+        """The settings with the white that a hand meter has read there, if none is stated."""
+        if self.white_nits is not None or self.method not in PERCEPTUAL:
+            return self
+        return replace(self, white_nits=metered_white(calibration_dir))
 
     def checked_method(self) -> str | Perceptual:
         """The method with the settings of its own; refuses them for one that has none."""
@@ -211,7 +219,7 @@ def require_photometry(calibration: Calibration) -> None:
             wrong = np.count_nonzero(~(right if right.ndim == 2 else least_colour(right)))
             raise InputError(
                 f"CALIBRATION is damaged: {wrong} places of its map {name} are {otherwise}; "
-                "restore it or run `procam solve` on its session again"
+                "restore it or run `procam session solve` on its session again"
             )
 
 

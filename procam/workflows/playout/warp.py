@@ -1,4 +1,4 @@
-"""From dome masters, of direct light or of content, to what each projector is sent."""
+"""From dome masters to what each projector is sent."""
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
@@ -18,10 +18,9 @@ from procam.files.images.pixels import write_image
 from procam.files.images.sequences import Numbered, PictureSequence
 from procam.files.images.stills import square_edge
 from procam.files.output_log import OutputLog
-from procam.maths.light.transfer import transfer as transfer_function
 from procam.model.calibration import Calibration
 from procam.workflows.events import Event
-from procam.workflows.playout.chunks import ChunkedCompensator, Chunks, FrameRange, Part
+from procam.workflows.playout.chunks import ChunkedCompensator, FrameRange, Part
 from procam.workflows.playout.compensate import (
     LOG,
     each_frame,
@@ -50,7 +49,6 @@ from procam.workflows.playout.sources import (
 
 Frames = Mapping[str, NDArray[np.uint16]]
 MAPS = "maps/*.exr"  # a warp needs every projector's
-ALONE = Chunks(1)  # frames of direct light have nothing to do with each other
 
 
 class WarpClip(Clip, Protocol):
@@ -68,16 +66,15 @@ def warp_file(
     calibration_dir: Path,
     source: Path,
     out: Path,
-    transfer: str | None = None,
-    settings: FrameSettings | None = None,
+    settings: FrameSettings,
     frames: FrameRange | None = None,
 ) -> Iterator[Event]:
-    """Write each projector's frames of a clip under OUT, 16 bits: of direct light, or compensated first.
+    """Write each projector's frames of a clip under OUT, 16 bits, compensated in linear light on the way.
 
-    With `settings` the clip is content, which is compensated in linear light on the way; only `frames` of it,
-    if they are given. OUT/PROJECTOR.png of a picture, OUT/PROJECTOR/NAME.png of numbered pictures (those that
-    an earlier run has finished are skipped), OUT/PROJECTOR.mov or .mkv of a movie. An event per frame, whose
-    data name what is written, {"frames"}, and what became of the first frame's colour profile, {"notes"}.
+    Only `frames` of it, if they are given. Direct light keeps its values by method "none".
+    OUT/PROJECTOR.png of a picture, OUT/PROJECTOR/NAME.png of numbered pictures (those that an earlier run has
+    finished are skipped), OUT/PROJECTOR.mov or .mkv of a movie. An event per frame, whose data name what is
+    written, {"frames"}, and what became of the first frame's colour profile, {"notes"}.
     """
     calibration = load_calibration(calibration_dir)
     require_photometry(calibration)
@@ -86,11 +83,10 @@ def warp_file(
             "CALIBRATION has no projectors, so there is nothing to warp to; behind a media server play the "
             "dome master itself"
         )
-    plain = FrameSettings(method="warp", transfer=transfer)
-    part = Part(frames, settings.chunks if settings else ALONE)
-    clip = _open(calibration_dir, calibration, (source, out), settings or plain, part)
+    part = Part(frames, settings.chunks)
+    clip = _open(calibration_dir, calibration, (source, out), settings, part)
     refuse_overwriting(clip.read, (("OUT", path) for path in clip.written))
-    maker, notes = _Maker(calibration, settings, transfer), list[str]()
+    maker, notes = _Maker(calibration, settings), list[str]()
 
     def work(clip_frame: ClipFrame) -> Callable[[], str | None]:
         keep_note(notes, clip_frame.note)
@@ -114,36 +110,28 @@ def warp_file(
 class _Maker:
     """Makes projector frames of the frames of a clip, which are all of the first one's size."""
 
-    def __init__(
-        self, calibration: Calibration, settings: FrameSettings | None, transfer: str | None
-    ) -> None:
+    def __init__(self, calibration: Calibration, settings: FrameSettings) -> None:
         self._calibration, self._settings = calibration, settings
-        self._named = FrameSettings(transfer=settings.transfer if settings else transfer)
         self._warper: Warper | None = None  # known by the first frame; preparing it takes seconds
-        chunks = settings.chunks if settings else ALONE
-        self._chunks = ChunkedCompensator(self._compensator, chunks)
+        self._chunks = ChunkedCompensator(self._compensator, settings.chunks)
 
     def frames(self, clip_frame: ClipFrame) -> Frames | None:
         """A frame (H, W, 3) of each projector; None of one that only precedes those that are wanted."""
         size = square_edge(clip_frame.rgb, clip_frame.name)
-        name = named_transfer(clip_frame, self._named)
+        name = named_transfer(clip_frame, self._settings)
         if self._warper is None:
-            decode = transfer_function(name).decode
-            self._warper = Warper(self._calibration, size, np.uint16, decode=decode)
+            self._warper = Warper(self._calibration, size, np.uint16)
         if size != self._warper.size:
             raise FileFormatError(
                 f"{clip_frame.name}: {size} px, but the first frame has {self._warper.size}; render all "
                 "frames in one size"
             )
-        master = clip_frame.rgb
-        if self._settings or master.dtype != np.uint8:  # codes of 8 bits are decoded by a table
-            master = decoded(master, name)
-        if self._settings:
-            master = self._chunks.solve(clip_frame.number, master).sent
-        return self._warper.frame(master) if clip_frame.wanted else None
+        content = decoded(clip_frame.rgb, name)
+        direct = self._chunks.solve(clip_frame.number, content).sent
+        return self._warper.frame(direct) if clip_frame.wanted else None
 
     def _compensator(self) -> Compensator:
-        assert self._settings is not None and self._warper is not None
+        assert self._warper is not None
         method = self._settings.checked_method()
         return linear_compensator(self._calibration, self._warper.size, self._settings, method)
 

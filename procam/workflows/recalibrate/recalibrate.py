@@ -153,7 +153,7 @@ def _check(venue: Venue, calibration: Calibration, names: Sequence[str]) -> None
     if is_by_hand(venue):
         raise InputError(
             f"{venue.directory}: people drive its devices, and single projectors are recalibrated by devices "
-            "alone; photograph a whole session (`procam patterns`)"
+            "alone; photograph a whole session (`procam session plan`)"
         )
     unknown = [name for name in names if name not in calibration.projectors]
     if unknown:

@@ -76,7 +76,7 @@ def solve(venue: Venue, session: Session) -> Iterator[Event]:
     are solved. The last event carries the new directory as `data["calibration"]`; warnings are in
     its provenance as "notes".
     """
-    with recorded(venue.directory, "solve"):
+    with recorded(venue.directory, "session solve"):
         yield from _solve(venue, session)
 
 

@@ -235,7 +235,7 @@ def _check_linear(images: SessionImages, name: str, found: Linearity, limit: flo
         raise OutOfModelRange(
             f"camera {camera}: photographs of projector {name} are not linear: their counts go "
             f"with the power {1 / found.exponent:.2f} of the light; photograph raw, or state the "
-            'camera\'s response in venue.toml ("srgb", a table of `procam response`, "solve")'
+            'camera\'s response in venue.toml ("srgb", a table of `procam lens response`, "solve")'
         )
 
 

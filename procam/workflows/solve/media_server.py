@@ -60,7 +60,7 @@ def server_notes(venue: Venue, master: DomeMaster, placed: dict[str, PlacedCamer
     ]
     lines += [
         f"camera {name}: its lens was solved from the server's tags, which fit a master of another angle as "
-        'well; measure it with `procam camera` and set intrinsics = "fixed"'
+        'well; measure it with `procam lens board` and set intrinsics = "fixed"'
         for name in placed
         if venue.table.cameras[name].intrinsics != "fixed"
     ]

@@ -31,7 +31,7 @@ def compare_with_predecessor(
         use_calibration(venue_dir, before)
         return [
             f"{new.name} contradicts {before.name}, which stays in use: {verdict.text}. If the new one is "
-            f"right, run: procam history {venue_dir} --restore {int(new.name)}"
+            f"right, run: procam venue use {venue_dir}@{int(new.name)}"
         ]
     use_calibration(venue_dir, new)
     return [] if verdict.sound else [f"unlike {before.name}: {verdict.text}"]

@@ -33,7 +33,7 @@ class BlackLight:
             f"black of {', '.join(self.names)}: procam has no shutter to close there, so photographs of the "
             f"dark hold it. The sum of these blacks is estimated from the dark to +-{error:.0%}; light of "
             "the room may be part of it. To measure it give them a control, or photograph by hand, with "
-            "lamps off or lenses covered in the dark (procam patterns)"
+            "lamps off or lenses covered in the dark (procam session plan)"
         ]
 
     def figures(self, calibration: Calibration) -> dict[str, Figure]:

@@ -216,7 +216,7 @@ class TestDamage:
         (saved / "calibration.json").write_text(text)
         message = self._message(saved)
         assert message.startswith(f"{saved / 'calibration.json'} is a damaged calibration")
-        assert "procam solve" in message
+        assert "procam session solve" in message
 
     def test_numbers_of_another_shape(self, saved: Path) -> None:
         path = saved / "calibration.json"

@@ -68,6 +68,6 @@ def test_nothing_else_writes_csv() -> None:
 
 
 def test_the_page_of_a_preference_test_marks_the_same() -> None:
-    page = (ROOT / "procam/interfaces/report/ask_template.html").read_text("utf-8")
+    page = (ROOT / "studies/preference/page_template.html").read_text("utf-8")
     (found,) = re.findall(r"^const formula = /\^\[(.*)\]/;$", page, re.MULTILINE)
     assert set(re.findall(r"\\u\w{4}|\\?.", found)) == {"=", "+", "\\-", "@", *ESCAPED}

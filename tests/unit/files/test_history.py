@@ -205,7 +205,7 @@ class TestFiles:
         verify_unchanged(tmp_path, folder)
         (folder / "maps" / "dome.exr").write_bytes(b"mop")
         assert list(changed_files(tmp_path, folder)) == ["calibrations/0001/maps/dome.exr"]
-        with pytest.raises(InputError, match=r"dome\.exr changed since .* --restore N"):
+        with pytest.raises(InputError, match=r"dome\.exr changed since .*procam venue use"):
             verify_unchanged(tmp_path, folder)
         with recorded(tmp_path, "solve"):  # which does not take the change for its own
             pass

@@ -69,7 +69,9 @@ class TestPlan:
         np.testing.assert_array_equal(np.rint(drive * 255), patterns[CODE.pattern])
 
     def test_none(self, session: Session) -> None:
-        with pytest.raises(FileFormatError, match=r"plan\.json: no such file.*procam capture"):
+        with pytest.raises(
+            FileFormatError, match=r"plan\.json: no such file.*procam session capture"
+        ):
             session.read_plan()
 
     @pytest.mark.parametrize(
@@ -202,7 +204,8 @@ class TestDamage:
         message = self._message(stored, CODE, 0.1)
         assert message.startswith(str(_file(stored, "x").parent))
         assert (
-            "shot south-0001 at 0.1 s was not captured" in message and "procam capture" in message
+            "shot south-0001 at 0.1 s was not captured" in message
+            and "procam session capture" in message
         )
 
     def test_file_gone(self, stored: Session) -> None:

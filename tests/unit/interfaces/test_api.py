@@ -21,7 +21,7 @@ def test_missing_photographs_are_refused(code: str, missing: int) -> None:
 
 
 def test_white_and_black_at_the_end_are_refused() -> None:
-    """As `procam patterns --code gray` numbers them."""
+    """As `procam session plan --code gray` numbers them."""
     patterns = generate_patterns(SIZE, "gray")
     with pytest.raises(InputError, match="white, the first photograph, is darker than black"):
         decode([*patterns[2:], *patterns[:2]], SIZE, "gray")

@@ -1,4 +1,4 @@
-"""Boards and tags in drawn pictures; photographs are in the tests of `procam camera` and of the geometry."""
+"""Boards and tags in drawn pictures; photographs are in the tests of `lens board` and of the geometry."""
 
 import cv2
 import numpy as np

@@ -56,8 +56,8 @@ class TestExact:
     @pytest.mark.parametrize("spots", [SPOTS[:1], SPOTS[2:3], SPOTS], ids=["south", "north", "all"])
     def test_without_noise(self, dome: Calibration, meter: Meter, spots: tuple) -> None:
         found = fit_absolute(meter.read_all(*spots), dome)
-        assert error(found.xyz_from_content) < EXACT
-        assert found.nits_per_unit[0] == pytest.approx(XYZ_FROM_CONTENT[1].sum(), rel=EXACT)
+        assert error(found.colour.xyz_from_content) < EXACT
+        assert found.colour.nits_per_unit[0] == pytest.approx(XYZ_FROM_CONTENT[1].sum(), rel=EXACT)
         assert found.residual_de2000.max() < 1e-3
         assert found.additivity is not None
         assert found.additivity.error == pytest.approx(0, abs=EXACT)
@@ -67,7 +67,7 @@ class TestExact:
     def test_three_patches_do(self, dome: Calibration, meter: Meter, missing: str) -> None:
         patches = tuple({"red", "green", "blue", "white"} - {missing})
         found = fit_absolute(meter.read_all(HERE, patches=patches), dome)
-        assert error(found.xyz_from_content) < EXACT
+        assert error(found.colour.xyz_from_content) < EXACT
         assert found.additivity is None
         assert found.notes == (
             "no place has red, green, blue and white, so additivity is not tested",
@@ -81,17 +81,17 @@ class TestExact:
             meter.read("north", "green", MIDDLE),
             meter.read("north", "white", RIGHT),
         ]
-        assert error(fit_absolute(mixed, dome).xyz_from_content) < EXACT
+        assert error(fit_absolute(mixed, dome).colour.xyz_from_content) < EXACT
 
     def test_a_reading_of_black_subtracts_the_light_of_the_room(self, dome: Calibration) -> None:
         lit_room = Meter(dome, room=(0.2, 0.25, 0.1))
         found = fit_absolute(lit_room.read_all(*SPOTS[:2], patches=EVERY), dome)
-        assert error(found.xyz_from_content) < EXACT
+        assert error(found.colour.xyz_from_content) < EXACT
         assert found.additivity.error == pytest.approx(0, abs=EXACT)
         assert len(found.notes) == 2
         assert "black is 0.3" in found.notes[0]
         left_in = fit_absolute(lit_room.read_all(*SPOTS[:2]), dome)
-        assert error(left_in.xyz_from_content) > 0.005
+        assert error(left_in.colour.xyz_from_content) > 0.005
 
     def test_contrast(self, dome: Calibration, meter: Meter) -> None:
         found = fit_absolute(meter.read_all(HERE, patches=EVERY), dome)
@@ -109,8 +109,8 @@ class TestExact:
             return 1 + b * (flat + 12 * (patches[:, 2] - 0.5) * (place[2] - 0.5))
 
         readings = Meter(dome, shape=shape).read_all(*SPOTS)
-        assert error(fit_absolute(readings, bent).xyz_from_content) < EXACT
-        assert error(fit_absolute(readings, dome).xyz_from_content) > 100 * EXACT
+        assert error(fit_absolute(readings, bent).colour.xyz_from_content) < EXACT
+        assert error(fit_absolute(readings, dome).colour.xyz_from_content) > 100 * EXACT
 
 
 class TestWhatIsTakenOut:
@@ -118,12 +118,13 @@ class TestWhatIsTakenOut:
 
     def test_scattered_light(self, dome: Calibration, readings: list[MeterReading]) -> None:
         none = replace(dome.maps, scatter_per_flux=np.zeros_like(dome.maps.scatter_per_flux))
-        assert error(fit_absolute(readings, replace(dome, maps=none)).xyz_from_content) > 0.05
+        found = fit_absolute(readings, replace(dome, maps=none))
+        assert error(found.colour.xyz_from_content) > 0.05
 
     def test_black(self, dome: Calibration, readings: list[MeterReading]) -> None:
         none = replace(dome.maps, lo=np.zeros_like(dome.maps.lo))
         found = fit_absolute(readings, replace(dome, maps=none))
-        assert error(found.xyz_from_content) > 0.001
+        assert error(found.colour.xyz_from_content) > 0.001
         assert found.additivity.error == pytest.approx(2 * 0.004, rel=0.01)
 
     def test_the_mixing_of_colours(self, dome: Calibration, readings: list[MeterReading]) -> None:
@@ -132,7 +133,7 @@ class TestWhatIsTakenOut:
             for n, p in dome.projectors.items()
         }
         found = fit_absolute(readings, replace(dome, projectors=pure))
-        assert error(found.xyz_from_content) > 0.02
+        assert error(found.colour.xyz_from_content) > 0.02
 
 
 def test_the_errors_of_a_meter_are_as_large_as_stated(
@@ -143,8 +144,8 @@ def test_the_errors_of_a_meter_are_as_large_as_stated(
     contradictions = 0
     for run in range(runs):
         found = fit_absolute(with_noise(readings, rng), dome)
-        nits, sigma = found.nits_per_unit
-        z[run, :9] = ((found.xyz_from_content - XYZ_FROM_CONTENT) / found.sigma).ravel()
+        (nits, sigma), colour = found.colour.nits_per_unit, found.colour
+        z[run, :9] = ((colour.xyz_from_content - XYZ_FROM_CONTENT) / colour.sigma).ravel()
         z[run, 9] = (nits - XYZ_FROM_CONTENT[1].sum()) / sigma
         contradictions += any("contradict" in note for note in found.notes)
         assert found.residual_de2000.mean() < 2
@@ -154,8 +155,8 @@ def test_the_errors_of_a_meter_are_as_large_as_stated(
 
 
 def test_more_readings_are_surer(dome: Calibration, readings: list[MeterReading]) -> None:
-    once = fit_absolute(readings, dome).sigma
-    often = fit_absolute([replace(r, count=4) for r in readings], dome).sigma
+    once = fit_absolute(readings, dome).colour.sigma
+    often = fit_absolute([replace(r, count=4) for r in readings], dome).colour.sigma
     assert often == pytest.approx(once / 2)
 
 
@@ -179,7 +180,7 @@ class TestNotes:
         assert "times the meter's error" in found.notes[1]
         assert not any("contradict" in note for note in found.notes)
         assert found.worst[1] > 3
-        assert (found.sigma > fit_absolute(readings, dome).sigma).all()
+        assert (found.colour.sigma > fit_absolute(readings, dome).colour.sigma).all()
 
     def test_projectors_that_contradict(
         self, dome: Calibration, readings: list[MeterReading]

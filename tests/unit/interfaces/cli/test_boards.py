@@ -3,7 +3,7 @@
 import numpy as np
 
 from procam.estimate.boards.robust_fit import DroppedCorner
-from procam.interfaces.cli._boards import edge_note
+from procam.interfaces.cli.lens._boards import edge_note
 
 AREA = np.array([[0.0, 0.0], [0.16, 0.11]])
 

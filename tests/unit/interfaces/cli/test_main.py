@@ -20,7 +20,8 @@ from procam.interfaces.cli.main import COMMANDS, load_command
 
 
 def _function(name: str) -> Callable[..., None]:
-    function: Callable[..., None] = getattr(import_module(f"procam.interfaces.cli.{name}"), name)
+    module = import_module(f"procam.interfaces.cli.{name.replace(' ', '.')}")
+    function: Callable[..., None] = getattr(module, name.rsplit(maxsplit=1)[-1])
     return function
 
 
@@ -39,7 +40,11 @@ def test_no_word_of_the_help_is_taken_for_markup(name: str) -> None:
 
 
 def test_every_module_without_an_underscore_is_a_command() -> None:
-    modules = {path.stem for path in Path(main.__file__).parent.glob("[a-z]*.py")}
+    folder = Path(main.__file__).parent
+    modules = {
+        " ".join(path.relative_to(folder).with_suffix("").parts)
+        for path in folder.rglob("[a-z]*.py")
+    }
     assert modules == {*COMMANDS, "main"}
 
 
@@ -56,29 +61,23 @@ def test_a_misspelt_command_gets_a_suggestion() -> None:
         (OSError(errno.ENOSPC, "full"), 2, "procam: disk: the disk is full"),
     ],
 )
-def test_an_error_is_one_line(
-    error: Exception, code: int, words: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_error_is_one_line(error: Exception, code: int, words: str) -> None:
     def fail() -> None:
         raise error
 
-    monkeypatch.setattr(main, "app", fail)
-    ran = procam("demo")
+    ran = procam("demo", command=fail)
     assert ran.code == code
     assert ran.complaint.startswith(words)
 
 
-def test_a_signal_that_a_library_turns_into_another_error_still_stops(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_signal_that_a_library_turns_into_another_error_still_stops() -> None:
     def load() -> None:
         try:
             signal.raise_signal(signal.SIGTERM)  # to this thread, of several
         except KeyboardInterrupt as stop:
             raise ImportError("initialization failed") from stop
 
-    monkeypatch.setattr(main, "app", load)
-    ran = procam("demo")
+    ran = procam("demo", command=load)
     assert ran.code == 128 + signal.SIGTERM
     assert "procam: stopped (ImportError: initialization failed). Run the same" in ran.err
 

@@ -22,33 +22,34 @@ def logs(venue: Path) -> list[str]:
 
 def test_a_run_keeps_what_it_said_and_how_it_ended(venue: Path) -> None:
     with quick_simulator():
-        ran = procam("capture", venue, "--json")
+        ran = procam("session", "capture", venue, "--json")
     assert ran.code == 0
     (text,) = logs(venue)
     first, *_, said, end = text.splitlines()
-    assert re.fullmatch(rf"\d{{4}}-\d\d-\d\d \d\d:\d\d:\d\d  procam capture {venue} --json", first)
+    assert re.fullmatch(
+        rf"\d{{4}}-\d\d-\d\d \d\d:\d\d:\d\d  procam session capture {venue} --json", first
+    )
     assert re.search(r"^ +\d+\.\d  capture 1/\d+ ", text, re.MULTILINE)
-    assert "captured; now run: procam solve" in said and end.endswith("exit code 0")
+    assert "captured; now run: procam session solve" in said and end.endswith("exit code 0")
 
 
 def test_an_error_is_its_last_line(venue: Path) -> None:
     with quick_simulator():
-        procam("capture", venue)
+        procam("session", "capture", venue)
         (venue / "sessions" / "0001" / "captures" / "zenith" / "dark@0.13.tif").write_bytes(b"")
-        ran = procam("solve", venue / "sessions" / "0001")
+        ran = procam("session", "solve", venue / "sessions" / "0001")
     assert ran.code == 2
     last = logs(venue)[-1].splitlines()[-1]
     assert "exit code 2: " in last and "dark@0.13.tif" in last
 
 
-def test_what_nobody_expected_is_kept_whole(venue: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_nobody_expected_is_kept_whole(venue: Path) -> None:
     def broken() -> None:
         RunLog(venue, "solve").write("started")
         raise ValueError("nobody expected this")
 
-    monkeypatch.setattr(main, "app", broken)
     with pytest.raises(ValueError, match="nobody"):
-        main.main()
+        main.main(broken)
     assert "Traceback" in logs(venue)[0] and "nobody expected this" in logs(venue)[0]
 
 
@@ -56,7 +57,7 @@ def test_without_a_line_there_is_no_file(venue: Path) -> None:
     RunLog(venue, "solve")
     end_log("exit code 2")
     assert not (venue / "logs").exists()
-    ran = procam("capture", venue, "--dry-run")
+    ran = procam("session", "capture", venue, "--dry-run")
     assert ran.code == 0 and not (venue / "logs").exists()
 
 

@@ -180,10 +180,10 @@ class TestSheet:
         assert "Calibration in use: <strong>0002</strong>" in page
         for command in (
             f"procam compensate {folder} show.mov show-ready.mov",
-            f"procam warp {folder} show-ready.mov frames",
-            f"procam track {folder} show.mov show-track",
+            f"procam compensate {folder} show-ready.mov frames --to projectors --method none",
+            f"procam export {folder} shader show.mov show-track",
             f"procam verify {folder}",
-            f"procam history {folder} --restore 1",
+            f"procam venue use {folder}@1",
             f"procam projector {folder} south state",
         ):
             assert f"<code>{command}</code>" in page, command
@@ -192,7 +192,7 @@ class TestSheet:
 
     def test_a_first_calibration_has_nothing_to_go_back_to(self, venue: Path) -> None:
         page = write_sheet(venue).read_text("utf-8")
-        assert "There is no earlier one yet" in page and "--restore N" in page
+        assert "There is no earlier one yet" in page and "procam venue use" in page
 
     def test_a_media_server_plays_dome_masters(
         self, tmp_path: Path, calibration: Calibration
@@ -201,7 +201,7 @@ class TestSheet:
         page = unescape(write_sheet(folder).read_text("utf-8"))
         assert "Make the server's movie" in page and "procam projector" not in page
         assert "on the media server (server), as any dome master" in page
-        assert f"procam track '{folder.resolve()}' show.mov show-track" in page
+        assert f"procam export '{folder.resolve()}' shader show.mov show-track" in page
 
     def test_a_venue_without_a_calibration_is_refused(self, tmp_path: Path) -> None:
         (tmp_path / "venue.toml").write_text(PLAIN)

@@ -98,7 +98,7 @@ class TestWords:
         assert "more than 0.3 m away" in section  # a twentieth of 6 m
         for command in ("calibrate", "report"):
             assert f"<code>procam {command} {venue}</code>" in section
-        assert f"<code>procam history {venue} --restore 1</code>" in section
+        assert f"<code>procam venue use {venue}@1</code>" in section
         assert _fact(page) == "not yet"
 
     def test_seats_and_dates(self, venue: Path, calibration: Calibration) -> None:

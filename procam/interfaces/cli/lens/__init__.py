@@ -1,0 +1,1 @@
+"""`procam lens`: a camera, or a projector, measured on a desk."""

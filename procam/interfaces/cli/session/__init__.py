@@ -1,0 +1,1 @@
+"""`procam session`: a capture session step by step, driven or by hand."""

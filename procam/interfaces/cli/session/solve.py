@@ -1,0 +1,36 @@
+"""`procam session solve`: a calibration from stored captures."""
+
+from pathlib import Path
+from shlex import quote
+
+from procam.files.calibration import load_calibration
+from procam.files.history.record import recorded
+from procam.files.session import Session
+from procam.files.venue.load import load_venue
+from procam.interfaces.cli import _sessions
+from procam.interfaces.cli._options import Json, SessionArgument
+from procam.interfaces.cli._output import Output
+from procam.interfaces.cli._run_log import RunLog
+from procam.workflows.capture.newest import venue_of
+from procam.workflows.solve import calibrate as solving
+
+EXAMPLE = "procam session solve my-dome"
+
+
+def solve(session: SessionArgument, json: Json = False) -> None:
+    """Calibrate from stored captures alone, and report; no device is touched."""
+    folder = venue_of(session)
+    Session(session).read_plan()  # refuses what is no session before all else
+    venue = load_venue(folder)
+    output = Output(json, RunLog(venue.directory, "solve"))
+    with recorded(venue.directory, "session solve"):
+        solved = output.follow(solving.solve(venue, Session(session)))
+        report = _sessions.keep_report(venue.directory)
+    written = solved["calibration"]
+    calibration = load_calibration(Path(written))
+    output.say(f"{written} and {report} written")
+    output.table(calibration.quality)
+    notes = output.notes(calibration, solved["compared"])
+    directory = quote(str(venue.directory))
+    output.say(f"look at the report; then improve it by photographs: procam refine {directory}")
+    output.finish({"calibration": written, "report": str(report), "notes": notes})

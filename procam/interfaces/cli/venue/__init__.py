@@ -1,0 +1,1 @@
+"""`procam venue`: what was done at a venue, and its calibrations."""
