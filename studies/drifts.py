@@ -26,11 +26,11 @@ from procam.estimate.drift.changes import VenueChange, find_changes
 from procam.estimate.drift.dome_change import Dust
 from procam.estimate.drift.findings import Finding, name_causes
 from procam.files.calibration import load_calibration
-from procam.files.session import Session
 from procam.files.venue.load import load_venue
 from procam.files.versions import calibration_in_use
 from procam.maths.geometry.lenses import project
 from procam.workflows.capture.newest import capture_newest
+from procam.workflows.events import result_of
 from procam.workflows.photographs.driven import DrivenPhotographer
 from procam.workflows.solve.calibrate import solve
 from procam.workflows.verify.photographs import read_reference, take_photographs
@@ -151,8 +151,7 @@ def make_venue(directory: Path, preset: str, projectors: int) -> DriftVenue:
     )  # type: ignore[arg-type]
     (directory / "venue.toml").write_text(text, "utf-8")
     venue = load_venue(directory)
-    *_, captured = capture_newest(venue)
-    *_, _ = solve(venue, Session(captured.data["session"]))
+    result_of(solve(venue, result_of(capture_newest(venue))))
     return DriftVenue(directory)
 
 

@@ -24,6 +24,7 @@ from procam.model.calibration import Calibration
 from procam.model.frame import CameraSettings, Frame
 from procam.workflows.capture.by_hand import write_by_hand
 from procam.workflows.capture.ingest import ingest
+from procam.workflows.events import result_of
 from procam.workflows.solve.calibrate import solve
 from studies.foreign_bounces import ALBEDOS, DECK_FLOOR, HALF_ANGLE, RADIUS
 from studies.foreign_room import ForeignRoom
@@ -272,7 +273,5 @@ class Stage:
                 self.kind.write(folder / "photographs" / f"{number:03d}_{each}", counts)
         venue = load_venue(folder / "venue")
         (session,) = (folder / "venue" / "sessions").iterdir()
-        for _ in ingest(venue, Session(session), CAMERA, folder / "photographs"):
-            pass
-        *_, last = solve(venue, Session(session))
-        return load_calibration(Path(last.data["calibration"]))
+        result_of(ingest(venue, Session(session), CAMERA, folder / "photographs"))
+        return load_calibration(result_of(solve(venue, Session(session))).directory)

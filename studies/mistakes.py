@@ -33,6 +33,7 @@ from procam.maths.warp import block_mean
 from procam.model.calibration import Calibration
 from procam.model.transport import Measured
 from procam.workflows.capture.capture import capture, prepare_session
+from procam.workflows.events import result_of
 from procam.workflows.photographs.driven import DrivenPhotographer
 from procam.workflows.recalibrate.recalibrate import recalibrate
 from procam.workflows.solve.calibrate import solve
@@ -105,17 +106,18 @@ class Stage:
         used = load_calibration(self._first)
         with self._rig(mistake, VERIFIED * (1 + len(used.projectors))) as rig:
             photographer = DrivenPhotographer(rig, used, SETTLE_S)
-            *_, last = verify(photographer, self._as_written(mistake), used)
-        return used, [f"{f.subject} {f.cause}" for f in last.data["verified"].findings]
+            found = result_of(verify(photographer, self._as_written(mistake), used))
+        return used, [f"{f.subject} {f.cause}" for f in found.findings]
 
     def recalibrate(self, mistake: Mistake | None) -> tuple[Calibration, list[str]]:
         """The calibration with its last projector measured again, and what is said."""
         venue, name = self._as_written(mistake), list(self.venue.table.projectors)[-1]
         photographs = prepare_session(venue, self._folder(mistake)).read_plan().exposures
         with self._rig(mistake, photographs) as rig:
-            *_, last = recalibrate(lambda: rig, venue, self._first, [name])
-        found = load_calibration(Path(last.data["calibration"]))
-        return found, [*last.data["notes"], *found.provenance["notes"]]
+            made = result_of(recalibrate(lambda: rig, venue, self._first, [name]))
+        assert made.calibration is not None
+        found = load_calibration(made.calibration)
+        return found, [*made.notes, *found.provenance["notes"]]
 
     def _folder(self, mistake: Mistake | None) -> Path:
         """A folder for a session that is no other's."""
@@ -127,13 +129,11 @@ class Stage:
         """A calibration of a new session, and how it is compared with the one before."""
         session = prepare_session(self.venue, self._folder(mistake))
         with self._rig(mistake, session.read_plan().exposures) as rig:
-            for _ in capture(rig, self.venue, session):
-                pass
-        *_, last = solve(self._as_written(mistake), session)
-        made = Path(last.data["calibration"])
-        self._first = self._first or made
+            result_of(capture(rig, self.venue, session))
+        solved = result_of(solve(self._as_written(mistake), session))
+        self._first = self._first or solved.directory
         use_calibration(self.venue.directory, self._first)  # what is compared with next
-        return load_calibration(made), list(last.data["compared"])
+        return load_calibration(solved.directory), solved.compared
 
     def _as_written(self, mistake: Mistake | None) -> Venue:
         """The venue as venue.toml has it, where a mistake is in there."""
@@ -158,8 +158,7 @@ class Stage:
             made = make_later_mistake(devices, *mistake) if mistake else devices
             found, altered = load_calibration(calibration), replace(rig, projectors=made.projectors)
             photographer = DrivenPhotographer(altered, found, SETTLE_S)
-            *_, last = verify(photographer, self.venue, found)
-        return last.data["verified"]
+            return result_of(verify(photographer, self.venue, found))
 
     def _rig(self, mistake: Mistake | None, photographs: int) -> Rig:
         with patch("simulators.backend.build_scene", self._new_scene):

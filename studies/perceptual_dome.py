@@ -25,6 +25,7 @@ from procam.files.venue.load import load_venue
 from procam.maths.geometry.sphere import master_directions
 from procam.maths.warp import blur
 from procam.model.calibration import Calibration
+from procam.workflows.events import result_of
 from procam.workflows.main_camera import MainCamera
 from procam.workflows.photographs.driven import DrivenPhotographer
 from procam.workflows.refine.camera import LoopCamera
@@ -94,8 +95,8 @@ def study(folder: Path, size: SceneSize, pictures: Mapping[str, Image]) -> list[
     venue = load_venue(calibration_dir.parents[1])
     with open_rig(venue) as rig:
         learnt = CONTENTS[LEARNT](content.MASTER)
-        *_, last = refine(DrivenPhotographer(rig, first), venue, first, learnt)
-        known: Calibration = last.data["refined"].calibration
+        refined = result_of(refine(DrivenPhotographer(rig, first), venue, first, learnt))
+        known = refined.calibration
         camera = LoopCamera(DrivenPhotographer(rig, known), MainCamera.of(venue, known))
         camera.measure_dark()
         for name, target in pictures.items():

@@ -36,6 +36,7 @@ from procam.model.calibration import Calibration
 from procam.model.frame import CameraSettings, Frame
 from procam.model.optics import CameraModel
 from procam.workflows.capture.capture import capture, prepare_session
+from procam.workflows.events import result_of
 from procam.workflows.solve.calibrate import solve
 from procam.workflows.venue_rig import open_rig
 from simulators.builds import ProjectorBuild
@@ -93,10 +94,8 @@ def calibrate_venue(venue: Venue) -> Path:
     """Photograph a venue and solve it; returns the calibration's folder."""
     with open_rig(venue) as rig:
         session = prepare_session(venue, venue.directory / "sessions" / "0001")
-        for _ in capture(rig, venue, session):
-            pass
-    *_, last = solve(venue, session)
-    return Path(last.data["calibration"])
+        result_of(capture(rig, venue, session))
+    return result_of(solve(venue, session)).directory
 
 
 def _write_venue(folder: Path, preset: PresetName, seed: int, size: SceneSize) -> None:

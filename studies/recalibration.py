@@ -20,6 +20,7 @@ from procam.files.session import Session
 from procam.files.venue.load import load_venue
 from procam.interfaces.judge import direction_errors
 from procam.workflows.capture.newest import capture_newest
+from procam.workflows.events import Result, Steps, result_of
 from procam.workflows.recalibrate.recalibrate import recalibrate
 from procam.workflows.solve.calibrate import solve
 from procam.workflows.venue_rig import rig_owner
@@ -66,9 +67,18 @@ def _calibrate(folder: Path, text: str) -> Path:
 
 def _calibrate_again(folder: Path) -> Path:
     venue = load_venue(folder)
-    *_, captured = capture_newest(venue)
-    *_, solved = solve(venue, Session(captured.data["session"]))
-    return Path(solved.data["calibration"])
+    return result_of(solve(venue, result_of(capture_newest(venue)))).directory
+
+
+def _watched(steps: Steps[Result], stages: list[str]) -> Steps[Result]:
+    """The same workflow; the stages of its events are kept."""
+    while True:
+        try:
+            event = next(steps)
+        except StopIteration as end:
+            return end.value
+        stages.append(event.stage)
+        yield event
 
 
 def _row(calibrated: Path, folder: Path, name: str) -> dict[str, Any]:
@@ -80,9 +90,12 @@ def _row(calibrated: Path, folder: Path, name: str) -> dict[str, Any]:
             file.write(f"session = 1\ndrifts = [{{ {drift} }}]\n")
     venue = load_venue(part)
     with rig_owner(venue) as rig:
-        events = list(recalibrate(rig, venue, part / "calibrations" / "0001", [name]))
-    shots = sum(event.stage == "verify" for event in events) - 1
-    plan = Session(Path(events[-1].data["session"])).read_plan()
+        stages = list[str]()
+        steps = recalibrate(rig, venue, part / "calibrations" / "0001", [name])
+        made = result_of(_watched(steps, stages))
+    assert made.session is not None
+    plan = Session(made.session).read_plan()
+    shots = stages.count("verify") - 1
     shots += sum(shot.projector == name for shot in plan.shots)
     found = {"before": part / "calibrations" / "0001", "part": part / "calibrations" / "0002"}
     found["whole"] = _calibrate_again(whole)
@@ -91,7 +104,7 @@ def _row(calibrated: Path, folder: Path, name: str) -> dict[str, Any]:
         "projector": name,
         "shots": shots,
         "whole_shots": len(Session(part / "sessions" / "0001").read_plan().shots),
-        "notes": events[-1].data["notes"],
+        "notes": made.notes,
         **{key: _error(scene, path) for key, path in found.items()},
         "seen": {key: _figures(seen(part, path, grey()), name) for key, path in found.items()},
     }

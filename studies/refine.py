@@ -19,6 +19,7 @@ from procam.files.calibration import load_calibration
 from procam.files.venue.load import load_venue
 from procam.maths.geometry.sphere import master_directions
 from procam.model.calibration import Calibration
+from procam.workflows.events import result_of
 from procam.workflows.photographs.driven import DrivenPhotographer
 from procam.workflows.refine.refine import Refined, refine
 from procam.workflows.sample_content import CONTENTS
@@ -95,9 +96,7 @@ def _refined(venue_dir: Path, calibration: Calibration, learnt: str) -> Refined:
     venue = load_venue(venue_dir)
     with open_rig(venue) as rig:
         photographer, shown = DrivenPhotographer(rig, calibration), CONTENTS[learnt](content.MASTER)
-        *_, last = refine(photographer, venue, calibration, shown)
-    found: Refined = last.data["refined"]
-    return found
+        return result_of(refine(photographer, venue, calibration, shown))
 
 
 def table(rows: list[Row]) -> Iterator[str]:

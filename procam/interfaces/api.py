@@ -25,6 +25,7 @@ from procam.maths.geometry.lenses import LensKind
 from procam.model.calibration import Calibration
 from procam.model.correspondence import CorrespondenceMap
 from procam.workflows.capture.newest import capture_newest, venue_of
+from procam.workflows.events import result_of
 from procam.workflows.solve import calibrate
 
 REVERSED_SHARE = 0.01  # of the pixels, in which black may be brighter than white: a moving thing
@@ -180,8 +181,7 @@ def capture(venue: str | Path) -> Path:
     Traceback (most recent call last):
     procam.errors.InputError: ...
     """
-    *_, last = capture_newest(load_venue(Path(venue)))
-    return Path(last.data["session"])
+    return result_of(capture_newest(load_venue(Path(venue)))).directory
 
 
 def solve(session: str | Path) -> Calibration:
@@ -207,8 +207,8 @@ def solve(session: str | Path) -> Calibration:
     procam.errors.InputError: ...
     """
     directory = Path(session)
-    *_, last = calibrate.solve(load_venue(venue_of(directory)), Session(directory))
-    return load_calibration(Path(last.data["calibration"]))
+    solved = result_of(calibrate.solve(load_venue(venue_of(directory)), Session(directory)))
+    return load_calibration(solved.directory)
 
 
 def _check_order(white: AnyArray, black: AnyArray) -> None:

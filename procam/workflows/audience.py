@@ -25,7 +25,7 @@ from procam.model.venue_state import VenueState
 from procam.workflows.capture.capture import missing_shots
 from procam.workflows.capture.session_images import SessionImages
 from procam.workflows.capture.session_plan import plan_of_session
-from procam.workflows.events import Event
+from procam.workflows.events import Event, Steps
 from procam.workflows.main_camera import MainCamera
 from procam.workflows.photographs.driven import Photographer, Wanted
 from procam.workflows.photographs.open import check_devices
@@ -44,8 +44,8 @@ def measure_state(
     calibration: Calibration,
     name: str,
     ambient_only: bool = False,
-) -> Iterator[Event]:
-    """Photograph the venue as it is; the last event carries `data["state"]`, a `VenueState`.
+) -> Steps[tuple[VenueState, Array]]:
+    """Photograph the venue as it is; its state, and the room's own light (3,), a mean over the screen [rel].
 
     With `ambient_only` no projector is lit, and the feedback stays what is known of the state, or of
     the calibration if nothing is.
@@ -82,7 +82,8 @@ def measure_state(
         _check_ratio(ratio)
         state = VenueState(name, audience_feedback(calibration, ratio), ratio.value, ambient)
         text = f"{text}; scattered light is {_percent(ratio.value)} of the calibration's"
-    yield Event("state", total, total, text, {"state": state, "ambient": mean})
+    yield Event("state", total, total, text)
+    return state, mean
 
 
 def with_state(calibration: Calibration, state: VenueState) -> Calibration:

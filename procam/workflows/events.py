@@ -1,24 +1,36 @@
-"""Events that workflows report while they run: the command line, reports and tests read one stream."""
+"""Workflows are generators of events that return a result: commands, reports and tests read one stream."""
 
 from collections.abc import Generator, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass
+from typing import TypeVar
 
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """One step done: `done` of `total` in `stage`, a sentence for people, data for machines."""
+    """One step done: `done` of `total` in `stage`, and a sentence for people."""
 
     stage: str
     done: int
     total: int
     text: str
-    data: dict[str, Any] = field(default_factory=dict)
+
+
+Result = TypeVar("Result")
+Steps = Generator[Event, None, Result]  # a workflow
+
+
+def result_of(steps: Steps[Result]) -> Result:
+    """Run a workflow to its end; what it returns."""
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            return end.value
 
 
 @contextmanager
-def ended_with(events: Iterator[Event]) -> Iterator[None]:
+def ended_with(steps: Steps[Result]) -> Iterator[None]:
     """End a workflow with the block, also where it stands between two events.
 
     Without this it would keep its devices until somebody looks for it.
@@ -26,5 +38,4 @@ def ended_with(events: Iterator[Event]) -> Iterator[None]:
     try:
         yield
     finally:
-        if isinstance(events, Generator):
-            events.close()
+        steps.close()

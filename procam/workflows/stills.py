@@ -16,7 +16,7 @@ from procam.maths.geometry.canvas import STANDARD
 from procam.maths.geometry.sphere import angles_from_direction, master_directions
 from procam.maths.light.curves import srgb_decode, srgb_encode
 from procam.model.calibration import Calibration
-from procam.workflows.events import Event
+from procam.workflows.events import Event, Steps
 from procam.workflows.playout.frame import require_photometry
 from procam.workflows.sample_content import half_sky, white
 
@@ -105,13 +105,13 @@ STILLS: Mapping[str, tuple[Callable[[int], Image], str]] = {
 }
 
 
-def write_stills(calibration: Calibration, folder: Path, size: int = SIZE) -> Iterator[Event]:
+def write_stills(calibration: Calibration, folder: Path, size: int = SIZE) -> Steps[list[str]]:
     """Write FOLDER/dome-masters/NAME.HOW.png, FOLDER/PROJECTOR/NAME.HOW.png and index.txt, 8 bits sRGB.
 
     Dome masters are on the standard canvas.
 
     HOW is "compensated" or "uncompensated". A calibration without projectors gives dome masters only. An
-    event per picture; the data of the last have the paths, {"stills"}.
+    event per picture; the paths of all are returned.
 
     Raises
     ------
@@ -132,8 +132,9 @@ def write_stills(calibration: Calibration, folder: Path, size: int = SIZE) -> It
                 path = folder / where / f"{name}.{how}.png"
                 write_image(path, picture)
                 paths.append(str(path))
-        yield Event("stills", done, len(STILLS), name, {"stills": paths})
+        yield Event("stills", done, len(STILLS), name)
     atomic.write_text(folder / "index.txt", index_text(list(calibration.projectors)))
+    return paths
 
 
 def index_text(projectors: list[str]) -> str:

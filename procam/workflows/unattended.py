@@ -20,7 +20,7 @@ from procam.errors import DeviceError, InputError, ProcamError
 from procam.files.venue.commands import command_words
 from procam.files.venue.load import Venue
 from procam.files.venue.tables import UnattendedTable
-from procam.workflows.events import Event, ended_with
+from procam.workflows.events import Result, Steps, ended_with
 from procam.workflows.programs import run_program
 from procam.workflows.venue_rig import open_rig, rig_owner
 from procam.workflows.watchdog import LATE_S, Stopped, Watchdog, ask, print_line, state_in_words
@@ -52,14 +52,18 @@ class Unattended:
         assert self._guard is not None
         return self._guard.rig
 
-    def watch(self, events: Iterator[Event]) -> Iterator[Event]:
-        """The events of a workflow, which ends when its light was taken."""
+    def watch(self, steps: Steps[Result]) -> Steps[Result]:
+        """The events of a workflow, which ends when its light was taken, and its result."""
         assert self._guard is not None
-        with ended_with(events):
-            for event in events:
-                self._guard.check()
+        with ended_with(steps):
+            while True:
+                try:
+                    event = next(steps)
+                except StopIteration as end:
+                    return end.value
+                finally:
+                    self._guard.check()
                 yield event
-            self._guard.check()
 
     def notify(self, text: str) -> None:
         """Have a message sent at the end, if the run ends well."""
@@ -177,9 +181,9 @@ class Attended:
     def __init__(self, rig: Callable[[], Rig]) -> None:
         self.rig = rig
 
-    def watch(self, events: Iterator[Event]) -> Iterator[Event]:
-        """The events as they are."""
-        return events
+    def watch(self, steps: Steps[Result]) -> Steps[Result]:
+        """The workflow as it is."""
+        return steps
 
     def notify(self, text: str) -> None:
         """Nothing to do."""

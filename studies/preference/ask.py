@@ -16,7 +16,7 @@ from procam.interfaces.cli._options import (
     WhiteNitsOption,
     WhiteOption,
 )
-from procam.interfaces.cli._output import Output, with_notes
+from procam.interfaces.cli._output import Output
 from procam.workflows.playout.frame import FrameSettings
 from studies.preference.kit import make_kit
 from studies.preference.page import page_renderer
@@ -71,8 +71,9 @@ def ask(  # noqa: PLR0913 - options of a command
     names = tuple(name.strip() for name in methods.split(","))
     wanted = Wanted(pictures, names, repeats, on_dome, settings)
     command = f"{PROGRAM} {shlex.join(sys.argv[1:])}"
-    found = with_notes(output.follow(make_kit(calibration, out, wanted, command, page_renderer())))
-    _summarise(out, found["plan"], found["notes"], output)
+    plan, notes = output.follow(make_kit(calibration, out, wanted, command, page_renderer()))
+    output.warn(notes)
+    _summarise(out, plan, notes, output)
 
 
 def _summarise(out: Path, plan: Plan, notes: list[str], output: Output) -> None:

@@ -11,7 +11,7 @@ from procam.errors import InputError
 from procam.files import atomic
 from procam.files.calibration import load_dome
 from procam.files.images.stills import square_edge
-from procam.workflows.events import Event
+from procam.workflows.events import Event, Steps
 from procam.workflows.playout.compensate import run_key
 from procam.workflows.playout.explain import first_frame
 from procam.workflows.playout.frame import FrameSettings, named_transfer, require_photometry
@@ -26,10 +26,10 @@ Render = Callable[[Mapping[str, Any]], str]
 
 def make_kit(
     calibration_dir: Path, out: Path, wanted: Wanted, command: str, render: Render
-) -> Iterator[Event]:
+) -> Steps[tuple[Plan, list[str]]]:
     """Write OUT: page.html, plan.json, pictures/HASH.png; an event per picture.
 
-    The last one's data hold the `plan` and `notes`. OUT appears when all of it is there. `render`
+    The plan and notes are returned. OUT appears when all of it is there. `render`
     makes the page of what `Plan.for_page` gives.
 
     Raises
@@ -52,7 +52,8 @@ def make_kit(
         plan = _plan(calibration_dir, wanted, command, key, maker)
         atomic.write_text(folder / PLAN, plan.to_json())
         atomic.write_text(folder / PAGE, render(plan.for_page()))
-    yield Event("pictures", total, total, str(out), {"plan": plan, "notes": maker.notes})
+    yield Event("pictures", total, total, str(out))
+    return plan, maker.notes
 
 
 def content_names(paths: Sequence[Path]) -> dict[str, Path]:

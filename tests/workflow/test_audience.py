@@ -36,6 +36,7 @@ from procam.model.calibration import Calibration
 from procam.model.frame import CameraSettings, Frame
 from procam.model.venue_state import VenueState
 from procam.workflows.audience import measure_state, with_state
+from procam.workflows.events import result_of
 from procam.workflows.forecast import sampled
 from procam.workflows.photographs.driven import DrivenPhotographer
 from procam.workflows.venue_rig import open_rig
@@ -118,11 +119,9 @@ def _changed(rig: Rig, change: Callable[[Frame], Frame] = lambda frame: frame) -
 def _measured(
     rig: Rig, venue: Venue, calibration: Calibration, ambient_only: bool = False
 ) -> VenueState:
-    *_, last = measure_state(
-        DrivenPhotographer(rig, calibration), venue, calibration, "full", ambient_only
-    )
-    assert (last.done, isinstance(last.data["state"], VenueState)) == (last.total, True)
-    return last.data["state"]
+    photographer = DrivenPhotographer(rig, calibration)
+    state, _ = result_of(measure_state(photographer, venue, calibration, "full", ambient_only))
+    return state
 
 
 def _true_feedback(preset: Preset) -> np.ndarray:

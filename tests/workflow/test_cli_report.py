@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from tiny_venue import TINY, make_venue, procam, quick_simulator, solved, take_session
 
-from procam.files.session import Session
 from procam.files.venue.load import load_venue
 from procam.workflows.capture.newest import capture_newest
+from procam.workflows.events import result_of
 from simulators.placement import place_cameras
 from simulators.template import venue_text
 
@@ -46,8 +46,7 @@ def _calibrate_from_second_seat(venue: Path) -> None:
     (venue / "venue.toml").write_text(head + "".join(kept) + "session = 1\n", "utf-8")
     loaded = load_venue(venue)
     with quick_simulator():
-        *_, last = capture_newest(loaded)
-        solved(loaded, Session(last.data["session"]))
+        solved(loaded, result_of(capture_newest(loaded)))
 
 
 def test_without_limits_it_is_written_and_accepted(venue: Path) -> None:

@@ -18,6 +18,7 @@ from procam.model.calibration import Calibration
 from procam.model.frame import Frame
 from procam.model.plan import Shot
 from procam.workflows.capture.session_images import SessionImages
+from procam.workflows.events import result_of
 from procam.workflows.solve.calibrate import solve
 
 Captured = tuple[Venue, Session]
@@ -31,8 +32,7 @@ def captured(tmp_path_factory: pytest.TempPathFactory) -> Captured:
 
 
 def solved(captured: Captured) -> Path:
-    *_, last = solve(*captured)
-    return Path(last.data["calibration"])
+    return result_of(solve(*captured)).directory
 
 
 @pytest.fixture(scope="module")

@@ -25,6 +25,7 @@ from procam.maths.geometry.sphere import master_directions
 from procam.model.calibration import Calibration
 from procam.model.frame import Frame
 from procam.model.transport import Measured
+from procam.workflows.events import result_of
 from procam.workflows.photographs.driven import DrivenPhotographer
 from procam.workflows.refine import camera as loop_camera
 from procam.workflows.refine import refine as refining
@@ -81,8 +82,7 @@ def _refined(dome: Path, calibration: Calibration) -> refining.Refined:
     venue = load_venue(dome)
     with open_rig(venue) as rig:
         photographer = DrivenPhotographer(rig, calibration)
-        *_, last = refining.refine(photographer, venue, calibration, broad())
-    return last.data["refined"]
+        return result_of(refining.refine(photographer, venue, calibration, broad()))
 
 
 class TestLoop:

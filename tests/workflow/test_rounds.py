@@ -31,6 +31,7 @@ from procam.files.session import Session
 from procam.files.venue.load import load_venue
 from procam.model.frame import CameraSettings, Frame
 from procam.workflows.audience import measure_state
+from procam.workflows.events import result_of
 from procam.workflows.photographs.driven import DrivenPhotographer, Wanted
 from procam.workflows.photographs.hand_photographer import HandPhotographer
 from procam.workflows.photographs.orders import PhotographsWanted
@@ -150,8 +151,8 @@ def test_a_state_by_hand_is_that_of_devices(driven: Path, by_hand: Path) -> None
     with open_rig(load_venue(driven)) as rig:
         calibration = load_calibration(driven / "calibrations" / "0001")
         work = DrivenPhotographer(rig, calibration)
-        *_, last = measure_state(work, load_venue(driven), calibration, "full")
-    np.testing.assert_allclose(found["scatter_ratio"], last.data["state"].scatter_ratio, atol=2e-3)
+        state, _ = result_of(measure_state(work, load_venue(driven), calibration, "full"))
+    np.testing.assert_allclose(found["scatter_ratio"], state.scatter_ratio, atol=2e-3)
     assert (by_hand / "sessions" / "state-full-0001" / "ended").is_file()
 
 

@@ -24,6 +24,7 @@ from procam.model.plan import Plan
 from procam.model.quality import Figure
 from procam.workflows.capture.session_images import SessionImages
 from procam.workflows.capture.session_plan import plan_of_session, server_of
+from procam.workflows.events import result_of
 from procam.workflows.refine.stored_pictures import keep_pictures, read_frames
 from procam.workflows.sample_content import half_sky
 from procam.workflows.solve.calibrate import solve
@@ -199,10 +200,10 @@ def test_a_lens_that_tags_solve_is_noted(hand_session: HandSession) -> None:
     text = path.read_text("utf-8")
     path.write_text(text.replace('intrinsics = "fixed"', 'intrinsics = "prior"'), "utf-8")
     try:
-        *_, last = solve(load_venue(hand_session.folder), Session(hand_session.session))
+        solved = result_of(solve(load_venue(hand_session.folder), Session(hand_session.session)))
     finally:
         path.write_text(text, "utf-8")
-    notes = load_calibration(last.data["calibration"]).provenance["notes"]
+    notes = load_calibration(solved.directory).provenance["notes"]
     assert any("fit a master of another angle as well" in note for note in notes)
 
 

@@ -3,7 +3,6 @@
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,8 +13,9 @@ from procam.files.calibration import load_calibration
 from procam.files.session import Session
 from procam.files.venue.load import Venue, load_venue
 from procam.maths.geometry.pose import rotation_vector
+from procam.model.calibration import Calibration
 from procam.model.plan import Plan, Shot
-from procam.workflows.events import Event
+from procam.workflows.events import result_of
 from procam.workflows.solve.apriltags import tag_notes
 from procam.workflows.solve.calibrate import solve
 from simulators.placement import place_cameras
@@ -31,13 +31,12 @@ FIDUCIALS = re.compile(r"\[\[fiducials\]\]\n(?:\w.*\n)+")
 @dataclass(frozen=True)
 class Solved:
     venue: Venue
-    events: list[Event]
+    calibration: Calibration
 
     @property
     def texts(self) -> list[str]:
         """The notes of the calibration."""
-        calibration = load_calibration(Path(self.events[-1].data["calibration"]))
-        return list(calibration.provenance["notes"])
+        return list(self.calibration.provenance["notes"])
 
 
 def stick_tags(session: Session) -> None:
@@ -75,11 +74,11 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Solved]:
         session = take_session(venue)
         stick_tags(session)
         venue = list_tags(venue)
-        yield Solved(venue, list(solve(venue, session)))
+        yield Solved(venue, load_calibration(result_of(solve(venue, session)).directory))
 
 
 def test_the_rig_is_rotated_to_the_tags(run: Solved) -> None:
-    calibration = load_calibration(Path(run.events[-1].data["calibration"]))
+    calibration = run.calibration
     (build,) = place_cameras(1, SIZE.camera_size, "fisheye")
     found = calibration.cameras[CAMERA].camera_from_dome
     assert found is not None

@@ -13,6 +13,7 @@ from procam.estimate.light import separation
 from procam.files.calibration import load_calibration
 from procam.files.session import Session
 from procam.files.venue.load import load_venue
+from procam.workflows.events import result_of
 from procam.workflows.solve.calibrate import solve
 
 STORED = Path(__file__).parents[1] / "data" / "venue-format-1.tar.xz"
@@ -47,9 +48,9 @@ def test_a_session_solves_to_the_calibration_stored_then(
 ) -> None:
     monkeypatch.setattr(assemble, "MAP_SIZE", MAP_SIZE)
     monkeypatch.setattr(separation, "CLEAR_SIGMAS", 0.0)  # blur was not measured then
-    *_, last = solve(load_venue(venue), Session(venue / "sessions" / "0001"))
+    found = result_of(solve(load_venue(venue), Session(venue / "sessions" / "0001")))
     stored, again = (load_calibration(venue / "calibrations" / n) for n in ("0002", "0003"))
-    assert Path(last.data["calibration"]).name == "0003"
+    assert found.directory.name == "0003"
     # scattered light was divided by a kernel's gain then, and pixels on the picture's border were decoded
     assert (abs(again.feedback.value - stored.feedback.value) < stored.feedback.sigma / 4).all()
     # the floor was in the rim's plane for certain then, and no wall returned light

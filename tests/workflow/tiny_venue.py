@@ -20,6 +20,7 @@ from procam.files.session import Session
 from procam.files.venue.load import Venue, load_venue
 from procam.interfaces.cli.main import app, main
 from procam.workflows.capture.capture import capture, prepare_session
+from procam.workflows.events import result_of
 from procam.workflows.solve.calibrate import solve
 from procam.workflows.venue_rig import open_rig
 from simulators import transport
@@ -86,8 +87,7 @@ def take_session(venue: Venue) -> Session:
 
 def solved(venue: Venue, session: Session) -> Path:
     """Calibrate; returns the new calibration's folder."""
-    *_, last = solve(venue, session)
-    return Path(last.data["calibration"])
+    return result_of(solve(venue, session)).directory
 
 
 def drift(venue_dir: Path, *drifts: str) -> None:

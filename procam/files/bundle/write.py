@@ -3,7 +3,7 @@
 import json
 import stat
 import zipfile
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Generator, Iterator
 from importlib.metadata import version
 from pathlib import Path
 from typing import NamedTuple
@@ -37,11 +37,10 @@ class _Taken(NamedTuple):
 
 
 class Written(NamedTuple):
-    """Progress: photographs written, and their number; `manifest` when the bundle is complete."""
+    """Progress: photographs written, and their number."""
 
     done: int
     total: int
-    manifest: Manifest | None = None
 
 
 def write_bundle(venue: Venue, session: Session, out: Path) -> Manifest:
@@ -54,12 +53,15 @@ def write_bundle(venue: Venue, session: Session, out: Path) -> Manifest:
     FileFormatError
         A file is missing or damaged.
     """
-    *_, last = writing_bundle(venue, session, out)
-    assert last.manifest is not None
-    return last.manifest
+    written = writing_bundle(venue, session, out)
+    while True:
+        try:
+            next(written)
+        except StopIteration as end:
+            return end.value
 
 
-def writing_bundle(venue: Venue, session: Session, out: Path) -> Iterator[Written]:
+def writing_bundle(venue: Venue, session: Session, out: Path) -> Generator[Written, None, Manifest]:
     """The same, with its progress: a large photograph takes seconds."""
     redacted, plan = redact(venue, session), shared_plan(session.read_plan())
     taken = _taken(venue, session, plan)
@@ -85,7 +87,7 @@ def writing_bundle(venue: Venue, session: Session, out: Path) -> Iterator[Writte
             files=files,
         )
         archive.writestr(_header(names.MANIFEST), manifest.text())
-    yield Written(done, total, manifest)
+    return manifest
 
 
 def _taken(venue: Venue, session: Session, plan: Plan) -> dict[str, list[_Taken]]:

@@ -5,7 +5,7 @@ import math
 import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import typer
 
@@ -15,7 +15,11 @@ from procam.interfaces.cli._run_log import RunLog
 if TYPE_CHECKING:
     from procam.model.calibration import Calibration
     from procam.model.quality import Figure
-    from procam.workflows.events import Event
+    from procam.workflows.events import Event, Result, Steps
+    from procam.workflows.playout.compensate import CompensatedClip
+    from procam.workflows.playout.warp import ProjectorFrames
+
+    Frames = TypeVar("Frames", CompensatedClip, ProjectorFrames)
 
 
 LINE_EVERY_S = 5.0  # of progress in a file
@@ -58,8 +62,8 @@ class Output:
         if self.as_json:
             sys.stdout.write(json.dumps(document, indent=1) + "\n")
 
-    def follow(self, events: Iterator["Event"]) -> dict[str, Any]:
-        """Run a workflow to its end, show its progress on stderr, and return the data of its last event.
+    def follow(self, steps: "Steps[Result]") -> "Result":
+        """Run a workflow to its end, show its progress on stderr, and return its result.
 
         On a terminal that is a bar; in a file or a pipe a line every few seconds.
         """
@@ -70,19 +74,22 @@ class Output:
         from procam.workflows.events import ended_with
 
         keep_large_buffers()
-        console = Console(stderr=True)
-        data: dict[str, Any] = {}
+        console, result = Console(stderr=True), list["Result"]()
         columns = (TextColumn("{task.fields[stage]:>8}"), BarColumn(30))
         tail = (TextColumn("{task.completed}/{task.total}"), TimeElapsedColumn())
         text = TextColumn("{task.description}", markup=False)  # [[fiducials]] is no markup
         quiet = self.as_json or not console.is_terminal
         lines = None if self.as_json or console.is_terminal else _ProgressLines()
+
+        def events() -> "Iterator[Event]":
+            result.append((yield from steps))
+
         with (
-            ended_with(events),
+            ended_with(steps),
             Progress(*columns, *tail, text, console=console, disable=quiet) as progress,
         ):
             task = progress.add_task("", stage="", total=None)
-            for event in events:
+            for event in events():
                 progress.update(
                     task,
                     completed=event.done,
@@ -93,23 +100,21 @@ class Output:
                 self._keep(f"{event.stage} {event.done}/{event.total} {event.text}")
                 if lines:
                     lines.show(event)
-                data = event.data
-        return data
+        return result[0]
 
-    def follow_frames(self, events: Iterator["Event"], *, quiet: bool) -> dict[str, Any]:
+    def follow_frames(self, steps: "Steps[Frames]", *, quiet: bool) -> "Frames":
         """The same for frames, whose first should not wait for the bar's import: only on a terminal.
 
-        Notes of the last event go to stderr.
+        Notes of the result go to stderr.
         """
-        if sys.stderr.isatty() and not quiet:
-            return with_notes(self.follow(events))
         from procam.memory import keep_large_buffers
+        from procam.workflows.events import result_of
 
         keep_large_buffers()
-        data: dict[str, Any] = {}
-        for event in events:
-            data = event.data
-        return with_notes(data)
+        is_terminal = sys.stderr.isatty() and not quiet
+        found = self.follow(steps) if is_terminal else result_of(steps)
+        self.warn(found.notes)
+        return found
 
     def table(self, figures: Mapping[str, "Figure"]) -> None:
         """Print figures with goal and verdict."""
@@ -141,12 +146,6 @@ def _is_file(stream: Any) -> bool:
     except (AttributeError, OSError):  # io.UnsupportedOperation is one
         return False
     return True
-
-
-def with_notes(data: dict[str, Any]) -> dict[str, Any]:
-    """The data, whose notes go to stderr."""
-    Output(as_json=False).warn(data.get("notes", ()))
-    return data
 
 
 def as_dicts(figures: Mapping[str, "Figure"]) -> dict[str, dict[str, Any]]:

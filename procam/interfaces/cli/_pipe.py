@@ -9,6 +9,7 @@ from typing import Any
 from procam.errors import InputError
 from procam.files.calibration import load_dome
 from procam.memory import keep_large_buffers
+from procam.workflows.events import result_of
 from procam.workflows.playout.chunks import ENDLESS
 from procam.workflows.playout.compensate import compensate_clip
 from procam.workflows.playout.frame import FrameSettings
@@ -20,7 +21,7 @@ SIZES_PX = (2, 16384)  # edges of frames on a pipe
 
 @dataclass(frozen=True, slots=True)
 class RawFrames:
-    """What the command was given as IN, OUT, --size and --pixels; refuses what is no pipe."""
+    """What the command was given as IN, OUT, --edge and --pixels; refuses what is no pipe."""
 
     source: Path
     out: Path
@@ -34,12 +35,12 @@ class RawFrames:
             )
         if self.size == 0 or not self.pixels:
             raise InputError(
-                "IN is -, and frames on a pipe have no header: give --size and --pixels, such as "
-                "--size 4096 --pixels rgb24"
+                "IN is -, and frames on a pipe have no header: give --edge and --pixels, such as "
+                "--edge 4096 --pixels rgb24"
             )
         if not SIZES_PX[0] <= self.size <= SIZES_PX[1]:
             raise InputError(
-                f"--size is {self.size} px; it must be the edge of a frame, from {SIZES_PX[0]} to "
+                f"--edge is {self.size} px; it must be that of a frame, from {SIZES_PX[0]} to "
                 f"{SIZES_PX[1]} px, as the sender gives it"
             )
 
@@ -55,7 +56,7 @@ def compensate_pipe(
     from procam.files.system import widen_pipe
 
     keep_large_buffers()
-    dtype, rows = pixel_type(frames.pixels), dict[int, dict[str, Any]]()
+    dtype = pixel_type(frames.pixels)
     for descriptor, name in enumerate(("IN", "OUT")):
         require_open(descriptor, name)
         widen_pipe(descriptor, frames.size**2 * 3 * dtype.itemsize)
@@ -66,15 +67,14 @@ def compensate_pipe(
         clip = PipeClip((stdin, stdout), frames.size, dtype)
         loaded = load_dome(calibration)  # while the first frame is read
         try:
-            for event in compensate_clip(loaded, clip, settings, certify, ENDLESS):
-                rows |= event.data["rows"] if certify else {}
+            made = result_of(compensate_clip(loaded, clip, settings, certify, ENDLESS))
         except BrokenPipeError as error:
             raise InputError(
                 f"OUT: the reader of stdout stopped after {len(clip.latency_s)} frames; it must read "
                 "to the end"
             ) from error
     sys.stderr.write(_latency(clip) + "\n")
-    return rows
+    return made.rows
 
 
 def _latency(clip: PipeClip) -> str:

@@ -6,9 +6,8 @@ would wait for: plots and reports are imported when they are asked for.
 """
 
 import sys
-from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
@@ -31,9 +30,6 @@ from procam.workflows.playout.chunks import FrameRange
 from procam.workflows.playout.compensate import certified, compensate_file, write_report
 from procam.workflows.playout.frame import FrameSettings
 from procam.workflows.playout.sources import FILE
-
-if TYPE_CHECKING:
-    from procam.workflows.events import Event
 
 EXAMPLE = "procam compensate my-dome sky.%04d.exr direct"
 Rows = dict[int, dict[str, Any]]  # lines of the report by frame
@@ -139,10 +135,10 @@ def compensate(
             )
         _on_pipe(calibration, RawFrames(source, out, edge, pixels), settings, report)
         return
-    rows: Rows = {}
     beside, again = _beside(explain, report), report is not None
-    events = compensate_file(calibration, source, out, settings, again, beside, some)
-    notes = output.follow_frames(_collected(events, rows), quiet=source.is_file()).get("notes", [])
+    steps = compensate_file(calibration, source, out, settings, again, beside, some)
+    made = output.follow_frames(steps, quiet=source.is_file())
+    rows, notes = made.rows, made.notes
     if report:
         _write_report(report, rows)
     if explain:
@@ -169,12 +165,6 @@ def _on_pipe(
     if report and rows:
         _write_report(report, rows)
         sys.stderr.write(_certificate_text(certified(list(rows.values()))) + "\n")
-
-
-def _collected(events: "Iterator[Event]", rows: Rows) -> "Iterator[Event]":
-    for event in events:
-        rows |= event.data["rows"]
-        yield event
 
 
 def _summarise(

@@ -138,12 +138,11 @@ def _run(venue: Venue, output: Output) -> tuple[int, Path, Refined]:
         session = capturing.prepare_session(venue, venue.directory / "sessions" / "0001")
         output.follow(capturing.capture(rig, venue, session))
         solved = output.follow(solve(venue, session))
-        first = Path(solved["calibration"])
-        calibration = load_calibration(first)
+        calibration = load_calibration(solved.directory)
         photographer = DrivenPhotographer(rig, calibration)
         loop = refine(photographer, venue, calibration, interior(CONTENT_SIZE))  # judged on another
-        refined: Refined = output.follow(loop)["refined"]
-    return session.read_plan().exposures + refined.shots, first, refined
+        refined = output.follow(loop)
+    return session.read_plan().exposures + refined.shots, solved.directory, refined
 
 
 def _write_truth(venue: Venue, judged_by: str) -> None:

@@ -13,7 +13,7 @@ from procam.interfaces.cli._options import (
     TransferOption,
     WhiteOption,
 )
-from procam.interfaces.cli._output import Output, with_notes
+from procam.interfaces.cli._output import Output
 from procam.workflows.playout.frame import FrameSettings
 from procam.workflows.playout.track import track_show
 
@@ -51,7 +51,9 @@ def export(
         raise InputError(f"CONSUMER: {consumer!r} is unknown; choose {' or '.join(CONSUMERS)}")
     output = Output(json)
     settings = FrameSettings(method, state, white=white, transfer=transfer)
-    document = with_notes(output.follow(track_show(calibration, source, out, settings)))
+    track = output.follow(track_show(calibration, source, out, settings))
+    output.warn(track.notes)
+    document = {"out": str(out), "notes": track.notes} | track.document
     output.say(
         f"{out} written: {document['frames']['count']} frames of {document['size']} px, "
         f"{len(document['numbers']['columns'])} coefficients each; give the folder to the player, whose "

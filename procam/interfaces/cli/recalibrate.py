@@ -1,5 +1,6 @@
 """`procam recalibrate`: only what has changed is measured anew."""
 
+from dataclasses import asdict
 from typing import Annotated
 
 import typer
@@ -40,18 +41,21 @@ def recalibrate(
     with recorded(venue, "recalibrate"), leave_for(loaded, "recalibrate", unattended) as leave:
         verify_unchanged(venue, used)  # here, so that whoever is to be notified hears of it
         events = recalibrating(leave.rig, loaded, used, projector or [])
-        data = output.follow(leave.watch(events))
-        leave.notify(
-            "; ".join([", ".join(data["projectors"]) or "nothing to recalibrate", *data["notes"]])
-        )
-    written = data["calibration"]
-    for note in data["notes"]:
+        made = output.follow(leave.watch(events))
+        names = ", ".join(made.projectors)
+        leave.notify("; ".join([names or "nothing to recalibrate", *made.notes]))
+    written = made.calibration
+    for note in made.notes:
         output.say(f"note: {note}")
     if written is None:
         output.say(f"nothing to recalibrate, {used} stays in use")
     else:
-        output.say(f"{written} written: {', '.join(data['projectors'])} measured again")
-    in_use = str(calibration_in_use(venue))
-    output.finish({**data, "in_use": in_use})
+        output.say(f"{written} written: {names} measured again")
+    in_use = calibration_in_use(venue)
+    folders = {
+        "calibration": written and str(written),
+        "session": made.session and str(made.session),
+    }
+    output.finish({**asdict(made), **folders, "in_use": str(in_use)})
     if written is not None and in_use != written:
         raise typer.Exit(1)

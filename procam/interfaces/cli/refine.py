@@ -57,7 +57,7 @@ def refine(
             with photographer_of(loaded, calibration, "refine", of, given) as photographer:
                 output.warn(photographer.notes)
                 events = loop.refine(photographer, loaded, calibration, content)
-                refined: loop.Refined = output.follow(events)["refined"]
+                refined = output.follow(events)
         except PhotographsWanted as wanted:
             of_picture = ["--picture", str(picture)] if picture else []
             ask_for_photographs(wanted, ["procam", "refine", str(start), *of_picture], output)

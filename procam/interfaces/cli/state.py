@@ -61,17 +61,16 @@ def state(
             with photographer_of(loaded, calibration, work, of, given) as photographer:
                 output.warn(photographer.notes)
                 events = measure_state(photographer, loaded, calibration, name, ambient_only)
-                data = output.follow(events)
+                measured, light = output.follow(events)
         except PhotographsWanted as wanted:
             command = ["procam", "state", str(start), name, *[ONLY] * ambient_only]
             ask_for_photographs(wanted, command, output)
             return
-        measured: VenueState = data["state"]
         out = next_directory(venue)
         save_calibration(with_state(calibration, measured), out)
         use_calibration(venue, out)
         photographer.end()
-    ambient = [float(v) for v in data["ambient"]]
+    ambient = [float(v) for v in light]
     output.say(f"{out} written, with venue state {name}")
     _print_channels(measured, ambient, output)
     output.finish(

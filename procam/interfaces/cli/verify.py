@@ -61,7 +61,7 @@ def verify(
                 ) as photographer:
                     output.warn(photographer.notes)
                     events = verifying(photographer, loaded, calibration)
-                    verified = output.follow(leave.watch(events))["verified"]
+                    verified = output.follow(leave.watch(events))
                     if is_by_hand(loaded):
                         verified = _advised_by_hand(verified)
             except PhotographsWanted as wanted:

@@ -1,7 +1,7 @@
 """Show a plan and photograph it; resumable at any instant."""
 
 import shutil
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Self
@@ -21,7 +21,7 @@ from procam.model.plan import Plan, Shot
 from procam.threads import Future, ThreadPool
 from procam.workflows.capture.checked_camera import CheckedCamera, probe
 from procam.workflows.capture.session_plan import plan_of_session
-from procam.workflows.events import Event
+from procam.workflows.events import Event, Steps
 
 SATURATED_SHARE = 0.002  # of the frame; above it the exposure is wrong, not a glint in the way
 DISK_PATIENCE_S = 10.0  # for a disk that hangs when a run fails or is stopped
@@ -60,7 +60,7 @@ def missing_shots(session: Session, plan: Plan, cameras: list[str]) -> list[Shot
     ]
 
 
-def capture(rig: Rig, venue: Venue, session: Session) -> Iterator[Event]:
+def capture(rig: Rig, venue: Venue, session: Session) -> Steps[None]:
     """Take every shot that is missing; one projector is lit at a time, the rest are shuttered."""
     plan = session.read_plan()
     todo = missing_shots(session, plan, list(rig.cameras))

@@ -1,6 +1,6 @@
 """Photographs taken by hand or by another program, put behind the shots of a plan."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -38,7 +38,7 @@ from procam.workflows.capture.settings import (
     keep_settings,
     read_settings,
 )
-from procam.workflows.events import Event
+from procam.workflows.events import Event, Steps
 
 GREEN = 1
 SAME_EXPOSURE = 1e-3  # relative; headers round
@@ -55,6 +55,18 @@ class _Surveyed:
     setting: Setting
 
 
+@dataclass(frozen=True, slots=True)
+class Ingested:
+    """How many photographs were stored, and the names of shots that are missing.
+
+    `notes` has a line for every photograph that was left out or guessed.
+    """
+
+    stored: int
+    missing: list[str]
+    notes: list[str]
+
+
 def ingest(
     venue: Venue,
     session: Session,
@@ -64,12 +76,11 @@ def ingest(
     *,
     by_order: bool = False,
     replace_stored: bool = False,
-) -> Iterator[Event]:
+) -> Steps[Ingested]:
     """Sort the photographs of a folder behind the shots of a session and store what is missing.
 
     With `by_order` photographs without a readable number count by their order; with `replace_stored` they
-    replace what is stored already. Everything is checked before anything is written. The last event
-    carries `stored`, `missing` and `notes`, one line for every photograph that was left out or guessed.
+    replace what is stored already. Everything is checked before anything is written.
     """
     with recorded(venue.directory, "session add"):
         plan, venue = plan_of(venue, session), with_decoded_bits(venue, session)
@@ -99,7 +110,9 @@ def ingest(
         match.notes += [*notes, *_keep_response(venue, session, camera, response)]
         yield from _store(session, exposed, model, response, surveyed, chosen)
         match.notes += notes_of_earlier(session, camera)
-        yield Event("ingest", len(chosen), len(chosen), "stored", _summary(chosen, match))
+        yield Event("ingest", len(chosen), len(chosen), "stored")
+        missing = list(dict.fromkeys(shot for shot, _ in match.missing))
+        return Ingested(len(chosen), missing, match.notes)
 
 
 def undo(venue: Venue, session: Session, camera: str) -> Path:
@@ -267,7 +280,7 @@ def _store(
     response: Response | None,
     surveyed: list[_Surveyed],
     chosen: Mapping[Slot, int],
-) -> Iterator[Event]:
+) -> Steps[None]:
     shots = {shot.id: shot for shot in plan.shots}
     bits = session.bits(model.name) if session.stored(model.name) else DECODED_BITS
     decoded = None if response is None else bits
@@ -285,8 +298,3 @@ def photo_frame(photo: Photo, counts: NDArray[np.uint16], shot: Shot, exposure_s
     started_s = photo.taken_s or 0.0
     settings = CameraSettings(exposure_s, "mono" if mono else "rgb")
     return Frame(np.ascontiguousarray(wanted), settings, started_s, started_s + exposure_s)
-
-
-def _summary(chosen: Mapping[Slot, int], match: Match) -> dict[str, object]:
-    missing = list(dict.fromkeys(shot for shot, _ in match.missing))
-    return {"stored": len(chosen), "missing": missing, "notes": match.notes}

@@ -1,7 +1,5 @@
 """Selects a session of a venue: the newest, to resume and capture, or the one that was solved."""
 
-from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 
 from procam.errors import InputError
@@ -17,16 +15,16 @@ from procam.files.versions import (
 )
 from procam.workflows.capture.by_hand import PREFIX as BY_HAND
 from procam.workflows.capture.capture import capture, missing_shots, prepare_session
-from procam.workflows.events import Event
+from procam.workflows.events import Steps
 from procam.workflows.venue_rig import open_rig
 
 
-def capture_newest(venue: Venue) -> Iterator[Event]:
-    """Capture into the newest unfinished session, or a new one: its folder is `data["session"]`."""
+def capture_newest(venue: Venue) -> Steps[Session]:
+    """Capture into the newest unfinished session, or a new one."""
     with recorded(venue.directory, "session capture"), open_rig(venue) as rig:
         session = prepare_session(venue, newest_session(venue))
-        for event in capture(rig, venue, session):
-            yield replace(event, data={"session": session.directory})
+        yield from capture(rig, venue, session)
+    return session
 
 
 def newest_session(venue: Venue) -> Path:

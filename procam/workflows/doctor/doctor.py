@@ -21,12 +21,12 @@ from procam.workflows.doctor.findings import (
     judge_behaviour,
     judge_views,
 )
-from procam.workflows.events import Event
+from procam.workflows.events import Event, Steps
 
 
 def examine(
     rig: Rig, venue: Venue, diagnosis: Diagnosis, *, behaviour: bool = False
-) -> Iterator[Event]:
+) -> Steps[None]:
     """Fill `diagnosis`: reach all devices, photograph each projector with each camera, judge.
 
     With `behaviour` also test for settings of projectors that break calibration. Leaves projectors

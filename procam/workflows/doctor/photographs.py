@@ -4,7 +4,6 @@ The pictures of `procam session plan` carry their numbers, so any of them will d
 projector give its exposures, a pair of stripes the focus, photographs without a number the room.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -40,7 +39,7 @@ from procam.workflows.doctor.findings import (
     judge_dark,
     judge_views,
 )
-from procam.workflows.events import Event
+from procam.workflows.events import Event, Steps
 
 DARK_SHARE = 0.2  # of full scale: brighter photographs without a number show a picture
 MAX_BLUR_PX = 2.0  # of stripes' edges in a photograph, a standard deviation
@@ -89,7 +88,7 @@ def newest_by_hand(venue: Venue) -> Session:
 
 def examine_photographs(
     venue: Venue, camera: str, folder: Path, diagnosis: Diagnosis
-) -> Iterator[Event]:
+) -> Steps[None]:
     """Fill `diagnosis` from test photographs by one camera."""
     named_camera(venue, camera)
     venue = with_decoded_bits(venue)

@@ -3,7 +3,7 @@
 import hashlib
 import json
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from glob import escape
 from itertools import chain
 from math import isnan
@@ -19,7 +19,7 @@ from procam.files.images.movies import is_movie
 from procam.files.images.sequences import Numbered
 from procam.files.output_log import OutputLog
 from procam.model.calibration import Calibration
-from procam.workflows.events import Event
+from procam.workflows.events import Event, Steps
 from procam.workflows.playout.chunks import Chunks, FrameRange, Part
 from procam.workflows.playout.frame import ERRORS, ClipEngine, FrameSettings
 from procam.workflows.playout.overwrite_check import Named, refuse_overwriting
@@ -42,6 +42,14 @@ LOG = "procam.jsonl"
 PARTS = ("calibration.json", "maps/dome.exr", "maps/state-*.exr")  # what a compensator reads
 
 
+@dataclass(frozen=True, slots=True)
+class CompensatedClip:
+    """Rows of the report by a frame's number, and what became of the first frame's colour profile."""
+
+    rows: dict[int, Row]
+    notes: list[str]
+
+
 def compensate_file(
     calibration_dir: Path,
     source: Path,
@@ -50,21 +58,21 @@ def compensate_file(
     again: bool = False,
     beside: Sequence[Named] = (),
     frames: FrameRange | None = None,
-) -> Iterator[Event]:
-    """Compensate IN to OUT; an event per frame, whose data hold its row of the report by its number.
+) -> Steps[CompensatedClip]:
+    """Compensate IN to OUT; an event per frame.
 
     Only `frames`, if they are given; whatever the ranges, all of them together make the same files.
     Pictures of a sequence that an earlier run finished from the same sources with the same calibration and
-    settings are skipped, and the first event has their rows; so is a movie, unless `again`. `beside` is
+    settings are skipped, and the result has their rows too; so is a movie, unless `again`. `beside` is
     the files that the caller will write. Nothing starts if a file would overwrite IN or another output.
     """
     clip = open_clip(source, out, calibration_dir, settings, frames)
     refuse_overwriting(clip.read, [*(("OUT", path) for path in clip.written), *beside])
     calibration = load_dome(calibration_dir)
     if isinstance(clip, MovieClip) and clip.is_made and not again:
-        yield Event("frames", 0, 0, f"{out} is there already", {"rows": {}})
-        return
-    yield from compensate_clip(calibration, clip, settings)
+        yield Event("frames", 0, 0, f"{out} is there already")
+        return CompensatedClip({}, [])
+    return (yield from compensate_clip(calibration, clip, settings))
 
 
 def open_clip(
@@ -119,12 +127,11 @@ def compensate_clip(
     settings: FrameSettings,
     certify: bool = True,
     chunks: Chunks | None = None,
-) -> Iterator[Event]:
-    """Compensate all frames of a clip; an event per frame, as `compensate_file`'s.
+) -> Steps[CompensatedClip]:
+    """Compensate all frames of a clip; an event per frame.
 
-    The data also hold "notes": what became of the first frame's colour profile, if it has one.
-    Without `certify` the rows only count what is above 1.0: for live frames. `chunks` are those of the clip,
-    if not those of the settings.
+    Without `certify` there are no rows: live frames have no end. `chunks` are those of the clip, if not those
+    of the settings.
     """
     engine, notes = ClipEngine(calibration, settings, clip.suffix, certify, chunks), list[str]()
 
@@ -140,14 +147,16 @@ def compensate_clip(
 
         return write
 
-    done = 0
+    done, rows = 0, dict[int, Row]()
     with clip:
-        yield Event("frames", 0, clip.total, "", {"rows": dict(clip.finished)})
+        rows |= clip.finished
+        yield Event("frames", 0, clip.total, "")
         for done, (name, row) in enumerate(filter(None, each_frame(clip, work)), 1):
-            data = {"rows": {row["frame"]: row}, "notes": notes}
-            yield Event("frames", done, max(clip.total, done), name, data)
+            rows |= {row["frame"]: row} if certify else {}
+            yield Event("frames", done, max(clip.total, done), name)
     if not (done or clip.finished):
         raise FileFormatError("IN: no frame in it; is it the right clip?")
+    return CompensatedClip(rows, notes)
 
 
 def each_frame(clip: Clip, work: Callable[[ClipFrame], Callable[[], Made]]) -> Iterator[Made]:

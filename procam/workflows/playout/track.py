@@ -25,7 +25,7 @@ from procam.files.images.movies import MovieReader, is_movie
 from procam.files.images.pixels import write_image
 from procam.files.images.stills import square_edge
 from procam.model.calibration import Calibration
-from procam.workflows.events import Event
+from procam.workflows.events import Event, Steps
 from procam.workflows.playout.chunks import EXACT, ChunkedCompensator
 from procam.workflows.playout.frame import (
     FrameSettings,
@@ -56,12 +56,20 @@ TEXTURES = {
 NEAREST, REPEAT = ("protection", "dither"), ("dither",)
 
 
+@dataclass(frozen=True, slots=True)
+class Track:
+    """What track.json has, and what became of the first frame's colour profile."""
+
+    document: dict[str, Any]
+    notes: list[str]
+
+
 def track_show(
     calibration_dir: Path, source: Path, out: Path, settings: FrameSettings
-) -> Iterator[Event]:
+) -> Steps[Track]:
     """Write OUT for the pictures or the movie `source`; an event per frame.
 
-    OUT appears whole or not at all. The last event's data are those of OUT/track.json, and "notes".
+    OUT appears whole or not at all.
 
     Raises
     ------
@@ -90,8 +98,8 @@ def track_show(
         _write_shaders(folder)
         (folder / "track.json").write_text(json.dumps(document, indent=1), encoding="utf-8")
     done = len(rows.numbers)
-    data = {"out": str(out), "notes": _notes(first)} | document
-    yield Event("track", done, done, f"{out} written", data)
+    yield Event("track", done, done, f"{out} written")
+    return Track(document, _notes(first))
 
 
 def _notes(first: ClipFrame) -> list[str]:

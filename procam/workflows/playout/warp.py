@@ -1,7 +1,7 @@
 """From dome masters to what each projector is sent."""
 
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -19,7 +19,7 @@ from procam.files.images.sequences import Numbered, PictureSequence
 from procam.files.images.stills import square_edge
 from procam.files.output_log import OutputLog
 from procam.model.calibration import Calibration
-from procam.workflows.events import Event
+from procam.workflows.events import Event, Steps
 from procam.workflows.playout.chunks import ChunkedCompensator, FrameRange, Part
 from procam.workflows.playout.compensate import (
     LOG,
@@ -62,19 +62,26 @@ class WarpClip(Clip, Protocol):
         """Store a frame (H, W, 3) of every projector."""
 
 
+@dataclass(frozen=True, slots=True)
+class ProjectorFrames:
+    """What was written, and what became of the first frame's colour profile."""
+
+    paths: list[str]
+    notes: list[str]
+
+
 def warp_file(
     calibration_dir: Path,
     source: Path,
     out: Path,
     settings: FrameSettings,
     frames: FrameRange | None = None,
-) -> Iterator[Event]:
+) -> Steps[ProjectorFrames]:
     """Write each projector's frames of a clip under OUT, 16 bits, compensated in linear light on the way.
 
     Only `frames` of it, if they are given. Direct light keeps its values by method "none".
     OUT/PROJECTOR.png of a picture, OUT/PROJECTOR/NAME.png of numbered pictures (those that an earlier run has
-    finished are skipped), OUT/PROJECTOR.mov or .mkv of a movie. An event per frame, whose data name what is
-    written, {"frames"}, and what became of the first frame's colour profile, {"notes"}.
+    finished are skipped), OUT/PROJECTOR.mov or .mkv of a movie. An event per frame.
     """
     calibration = load_calibration(calibration_dir)
     require_photometry(calibration)
@@ -100,11 +107,11 @@ def warp_file(
 
         return write
 
-    data = {"frames": clip.paths, "notes": notes}
     with clip:
-        yield Event("frames", 0, clip.total, "", data)
+        yield Event("frames", 0, clip.total, "")
         for done, name in enumerate(filter(None, each_frame(clip, work)), 1):
-            yield Event("frames", done, max(clip.total, done), name, data)
+            yield Event("frames", done, max(clip.total, done), name)
+    return ProjectorFrames(clip.paths, notes)
 
 
 class _Maker:

@@ -1,6 +1,7 @@
 """Recalibrates some projectors: only they are photographed, and all else of the calibration stays."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from procam.devices.rig import Rig
@@ -16,7 +17,7 @@ from procam.model.transport import Measured
 from procam.workflows.capture.capture import capture
 from procam.workflows.capture.newest import next_session
 from procam.workflows.capture.session_plan import server_of
-from procam.workflows.events import Event
+from procam.workflows.events import Event, Steps
 from procam.workflows.photographs.driven import DrivenPhotographer
 from procam.workflows.photographs.open import is_by_hand, refuse_mixed
 from procam.workflows.recalibrate.one_projector import solve_again
@@ -42,16 +43,28 @@ BLOCKING: tuple[Cause, ...] = (
 )
 
 
+@dataclass(frozen=True, slots=True)
+class Recalibrated:
+    """Folders of the new calibration and of its session, None if nothing had to be done.
+
+    `projectors` were measured again; `notes` are what else was found.
+    """
+
+    calibration: Path | None
+    session: Path | None
+    projectors: list[str]
+    notes: list[str]
+
+
 def recalibrate(
     rig: Callable[[], Rig], venue: Venue, used: Path, names: Sequence[str] = ()
-) -> Iterator[Event]:
+) -> Steps[Recalibrated]:
     """Photograph some projectors with a rig and put them into the calibration `used`.
 
     Without `names` the whole venue is verified first, and those are chosen that recalibrating helps. With
-    names only two others are verified, for the camera and the room's light must be as they were. The last
-    event carries the new directory as `data["calibration"]`, None if nothing had to be done, and
-    `data["notes"]`. The new session has the photographs of all other projectors too, as links, so that it
-    can be verified against and solved as a whole.
+    names only two others are verified, for the camera and the room's light must be as they were. The new
+    session has the photographs of all other projectors too, as links, so that it can be verified against and
+    solved as a whole.
 
     Raises
     ------
@@ -66,27 +79,17 @@ def recalibrate(
     with recorded(venue.directory, "recalibrate") as run:
         photographer = DrivenPhotographer(rig(), old, SETTLE_S)
         watched = [n for n in old.projectors if n not in names][:WATCHED] if names else []
-        verified: Verified | None = None
-        for event in verify(photographer, venue, old, watched):
-            verified = event.data.get("verified")
-            yield event
-        assert verified is not None
+        verified = yield from verify(photographer, venue, old, watched)
         chosen, notes = _chosen(verified, names)
         run.message = f"{', '.join(chosen) or 'nothing'} recalibrated"
         if not chosen:
-            yield Event(
-                "solve",
-                1,
-                1,
-                "nothing to recalibrate",
-                {"calibration": None, "projectors": [], "notes": notes},
-            )
-            return
+            yield Event("solve", 1, 1, "nothing to recalibrate")
+            return Recalibrated(None, None, [], notes)
         source = Session(venue.directory / "sessions" / str(old.provenance.get("session")))
         session = source.without(next_session(venue), chosen)
         yield from capture(rig(), venue, session)
         ambient = verified.change.ambient
-        yield from _solved(venue, (used, old), (source, session), chosen, ambient, notes)
+        return (yield from _solved(venue, (used, old), (source, session), chosen, ambient, notes))
 
 
 def _solved(
@@ -96,7 +99,7 @@ def _solved(
     names: Sequence[str],
     ambient: Measured,
     notes: Sequence[str],
-) -> Iterator[Event]:
+) -> Steps[Recalibrated]:
     """Solve projectors from the new session, and write the calibration; it is used unless it is worse."""
     (used, old), (source, session), total = before, sessions, len(names) + 1
     calibration, worse = old, list[str]()
@@ -111,13 +114,9 @@ def _solved(
     save_calibration(calibration, directory)
     use_calibration(venue.directory, used if worse else directory)
     refined = [REFINED] if "loop_iterations" in old.quality else []
-    data = {
-        "calibration": str(directory),
-        "session": str(session.directory),
-        "projectors": list(names),
-        "notes": [*notes, *worse, *([STAYS] if worse else refined)],
-    }
-    yield Event("solve", total, total, f"{directory} written", data)
+    yield Event("solve", total, total, f"{directory} written")
+    said = [*notes, *worse, *([STAYS] if worse else refined)]
+    return Recalibrated(directory, session.directory, list(names), said)
 
 
 def _chosen(verified: Verified, names: Sequence[str]) -> tuple[list[str], list[str]]:

@@ -5,7 +5,6 @@ dark cells show. Gains come from an even grey instead, in which no cell is dark.
 follows is then tried on the picture and on one that it was not made from, and is kept if both are better.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,7 +17,7 @@ from procam.maths.geometry.canvas import STANDARD
 from procam.maths.geometry.sphere import master_directions
 from procam.model.calibration import Calibration
 from procam.model.quality import Figure, Goal
-from procam.workflows.events import Event
+from procam.workflows.events import Event, Steps
 from procam.workflows.main_camera import MainCamera
 from procam.workflows.photographs.driven import Photographer
 from procam.workflows.refine.camera import LoopCamera
@@ -111,8 +110,8 @@ class Refined:
 
 def refine(
     photographer: Photographer, venue: Venue, calibration: Calibration, content: Image
-) -> Iterator[Event]:
-    """Refine on `content` (N, N, 3) on the standard canvas; the last event carries `data["refined"]`.
+) -> Steps[Refined]:
+    """Refine on `content` (N, N, 3) on the standard canvas.
 
     Raises
     ------
@@ -143,7 +142,8 @@ def refine(
     camera.check_dark()
     refined = _judged(shown, trials, before)
     refined = replace(refined, calibration=refined.calibration.on(canvas))
-    yield Event("refine", total, total, "loop ended", {"refined": refined})
+    yield Event("refine", total, total, "loop ended")
+    return refined
 
 
 def _uncompensated(camera: LoopCamera, plain: PreparedPicture, following: PreparedPicture) -> Array:

@@ -1,8 +1,9 @@
 """From stored captures to a calibration; needs no device and repeats to the last bit."""
 
-from collections.abc import Generator, Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
+from pathlib import Path
 
 from procam.estimate.calibration import assemble
 from procam.estimate.camera.radiance import Radiometer
@@ -27,7 +28,7 @@ from procam.model.screen import Dome
 from procam.workflows.capture.decoded import with_decoded_bits
 from procam.workflows.capture.session_images import SessionImages
 from procam.workflows.capture.session_plan import plan_of, server_of
-from procam.workflows.events import Event
+from procam.workflows.events import Event, Steps
 from procam.workflows.main_camera import light_radiometer, screen_view
 from procam.workflows.solve.apriltags import detect_tags, tag_marks, tag_notes
 from procam.workflows.solve.decode import Decoded, decode_bytes, decode_projector
@@ -69,18 +70,25 @@ class _SolvedRig:
     figures: Mapping[str, Figure] = field(default_factory=dict)
 
 
-def solve(venue: Venue, session: Session) -> Iterator[Event]:
+@dataclass(frozen=True, slots=True)
+class Solved:
+    """A new calibration's folder, and lines on what differs from the one that was in use."""
+
+    directory: Path
+    compared: list[str]
+
+
+def solve(venue: Venue, session: Session) -> Steps[Solved]:
     """Decode, solve the geometry, split the light, fit the projectors, write a calibration.
 
     Geometry from all cameras; light from the one that sees most. Of a media server only the cameras
-    are solved. The last event carries the new directory as `data["calibration"]`; warnings are in
-    its provenance as "notes".
+    are solved. Warnings are in the calibration's provenance as "notes".
     """
     with recorded(venue.directory, "session solve"):
-        yield from _solve(venue, session)
+        return (yield from _solve(venue, session))
 
 
-def _solve(venue: Venue, session: Session) -> Iterator[Event]:
+def _solve(venue: Venue, session: Session) -> Steps[Solved]:
     origin = provenance(venue, session)  # first of all, for it finds what is wrong with masks
     venue = with_decoded_bits(venue, session)
     before = list_calibrations(venue.directory)
@@ -127,8 +135,8 @@ def _solve(venue: Venue, session: Session) -> Iterator[Event]:
     directory = next_directory(venue.directory)
     save_calibration(_protecting(venue, calibration), directory)
     lines = compare_with_predecessor(venue.directory, used, directory, calibration)
-    data = {"calibration": str(directory), "compared": lines}
-    yield Event("solve", total, total, f"calibration {directory} written", data)
+    yield Event("solve", total, total, f"calibration {directory} written")
+    return Solved(directory, lines)
 
 
 def _noted(calibration: Calibration) -> Calibration:
@@ -145,7 +153,7 @@ def _quality(calibration: Calibration, rig: _SolvedRig) -> dict[str, Figure]:
     return {**kept, **rig.figures}
 
 
-def _rig_by_codes(venue: Venue, session: Session, total: int) -> Generator[Event, None, _SolvedRig]:
+def _rig_by_codes(venue: Venue, session: Session, total: int) -> Steps[_SolvedRig]:
     """Cameras and projectors, from what cameras decode."""
     plan, cameras = plan_of(venue, session), venue.cameras
     found: dict[Pair, Decoded] = {}
@@ -172,7 +180,7 @@ def _rig_by_codes(venue: Venue, session: Session, total: int) -> Generator[Event
 
 def _rig_by_server(
     venue: Venue, session: Session, server: DomeMaster, total: int
-) -> Generator[Event, None, _SolvedRig]:
+) -> Steps[_SolvedRig]:
     """Cameras, from the tags that a media server showed."""
     plan, cameras = plan_of(venue, session), venue.cameras
     placed: dict[str, PlacedCamera] = {}

@@ -12,7 +12,7 @@ from procam.estimate.drift.findings import name_causes
 from procam.files.venue.load import Venue
 from procam.model.calibration import Calibration
 from procam.model.quality import Figure
-from procam.workflows.events import Event
+from procam.workflows.events import Event, Steps
 from procam.workflows.photographs.driven import Photographer
 from procam.workflows.photographs.open import check_devices
 from procam.workflows.solve.plausible import OFF_REFUSED, uneven_picture
@@ -82,10 +82,8 @@ def verify(
     venue: Venue,
     calibration: Calibration,
     names: Collection[str] = (),
-) -> Iterator[Event]:
-    """Photograph and compare; the last event carries `data["verified"]`, a `Verified`.
-
-    Of the projectors `names` alone, or of all.
+) -> Steps[Verified]:
+    """Photograph and compare, of the projectors `names` alone, or of all.
 
     Raises
     ------
@@ -105,4 +103,5 @@ def verify(
     change = find_changes(calibration, reference.photographs, now, levels)
     findings = [*_own_picture(calibration), *name_causes(calibration, change)]
     verified = Verified(change, findings, done - 1)
-    yield Event("verify", total, total, verified.summary(), {"verified": verified})
+    yield Event("verify", total, total, verified.summary())
+    return verified

@@ -10,6 +10,7 @@ from procam.errors import InputError
 from procam.files.images.pixels import read_image
 from procam.maths.geometry.sphere import direction_from_angles, master_pixels
 from procam.model.calibration import Calibration
+from procam.workflows.events import result_of
 from procam.workflows.stills import INK, STILLS, grid, ramp, soft_checker, write_stills
 
 SIZE = 512
@@ -66,12 +67,12 @@ class TestFiles:
     def test_dome_masters_and_frames_with_an_index(
         self, tmp_path: Path, calibration: Calibration
     ) -> None:
-        *_, last = write_stills(calibration, tmp_path, 96)
+        written = result_of(write_stills(calibration, tmp_path, 96))
         hows = ("uncompensated", "compensated")
         names = [f"{name}.{how}.png" for name in STILLS for how in hows]
         folders = ("dome-masters", *calibration.projectors)
         expected = {str(tmp_path / folder / name) for folder in folders for name in names}
-        assert set(last.data["stills"]) == expected == {str(p) for p in tmp_path.rglob("*.png")}
+        assert set(written) == expected == {str(p) for p in tmp_path.rglob("*.png")}
         index = (tmp_path / "index.txt").read_text()
         assert all(f"\n{name}\n  " in index for name in STILLS) and "south/" in index
 

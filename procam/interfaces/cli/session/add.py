@@ -1,5 +1,6 @@
 """`procam session add`: photographs of a rig that procam does not drive."""
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -49,11 +50,11 @@ def add(
         venue, stored, camera, photos, index, by_order=by_order, replace_stored=replace
     )
     result = output.follow(events)
-    for note in result["notes"]:
+    for note in result.notes:
         output.say(note)
-    missing = result["missing"]
+    missing = result.missing
     more = f" and {len(missing) - SHOWN} more" if len(missing) > SHOWN else ""
-    output.say(f"{result['stored']} photographs stored for camera {camera}")
+    output.say(f"{result.stored} photographs stored for camera {camera}")
     if missing:
         output.say(
             f"missing: {', '.join(missing[:SHOWN])}{more}; photograph them and add them too: "
@@ -61,4 +62,4 @@ def add(
         )
     else:
         output.say(f"nothing is missing; now run: procam session solve {session}")
-    output.finish(result)
+    output.finish(asdict(result))

@@ -30,6 +30,6 @@ def capture(
         run_dry(loaded, Output(json))
         return
     output = Output(json, RunLog(venue, "capture"))
-    session = output.follow(capture_newest(loaded))["session"]
+    session = output.follow(capture_newest(loaded)).directory
     output.say(f"captured; now run: procam session solve {session}")
     output.finish({"session": str(session)})

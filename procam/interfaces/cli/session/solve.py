@@ -1,6 +1,5 @@
 """`procam session solve`: a calibration from stored captures."""
 
-from pathlib import Path
 from shlex import quote
 
 from procam.files.calibration import load_calibration
@@ -26,11 +25,11 @@ def solve(session: SessionArgument, json: Json = False) -> None:
     with recorded(venue.directory, "session solve"):
         solved = output.follow(solving.solve(venue, Session(session)))
         report = _sessions.keep_report(venue.directory)
-    written = solved["calibration"]
-    calibration = load_calibration(Path(written))
+    written = solved.directory
+    calibration = load_calibration(written)
     output.say(f"{written} and {report} written")
     output.table(calibration.quality)
-    notes = output.notes(calibration, solved["compared"])
+    notes = output.notes(calibration, solved.compared)
     directory = quote(str(venue.directory))
     output.say(f"look at the report; then improve it by photographs: procam refine {directory}")
-    output.finish({"calibration": written, "report": str(report), "notes": notes})
+    output.finish({"calibration": str(written), "report": str(report), "notes": notes})

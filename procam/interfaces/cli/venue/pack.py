@@ -1,6 +1,6 @@
 """`procam venue pack`: a session as one file for other people."""
 
-from collections.abc import Iterator
+from collections.abc import Generator
 from pathlib import Path
 from typing import Annotated
 
@@ -15,7 +15,7 @@ from procam.interfaces.cli._options import Json
 from procam.interfaces.cli._output import Output
 from procam.interfaces.cli._paths import check_out
 from procam.workflows.capture.newest import solved_session, venue_of
-from procam.workflows.events import Event
+from procam.workflows.events import Event, Steps
 
 EXAMPLE = "procam venue pack my-dome my-dome.zip"
 MB = 1e6
@@ -43,7 +43,7 @@ def pack(
     check_out(out, ".zip", option="OUT.zip")
     folder = solved_session(start)
     written = writing_bundle(load_venue(venue_of(folder)), Session(folder), out)
-    manifest: Manifest = output.follow(_events(written))["manifest"]
+    manifest = output.follow(_events(written))
     size = out.stat().st_size
     output.say(f"{out} written, {size / MB:.1f} MB: {content(manifest)} of {folder}")
     say_left_out(manifest, output)
@@ -69,7 +69,10 @@ def document(manifest: Manifest) -> dict[str, object]:
     return manifest.model_dump(include={"procam", "frames", "planned", "redacted"})
 
 
-def _events(written: Iterator[Written]) -> Iterator[Event]:
-    for each in written:
-        data = {"manifest": each.manifest}
-        yield Event("pack", each.done, each.total, "photographs written", data)
+def _events(written: Generator[Written, None, Manifest]) -> Steps[Manifest]:
+    while True:
+        try:
+            each = next(written)
+        except StopIteration as end:
+            return end.value
+        yield Event("pack", each.done, each.total, "photographs written")
