@@ -3,12 +3,12 @@
 Light is measured in camera channels. `assemble` converts it to content channels, in which the mean
 projector's primaries are the unit vectors; computes footprints, blend weights and the common white;
 estimates scatter, feedback and albedo of the dome (`light.dome_scatter`); and samples everything on
-the maps of a dome master. `workflows.solve.light` measures the light of each projector. The file is
-longer than 300 lines because all of these parts meet in one place.
+the maps of a dome master. `light.measure` measures the light of each projector. The file is longer than
+300 lines because all of these parts meet in one place.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -23,8 +23,8 @@ from procam.estimate.light.edge_blend import edge_blend_notes
 from procam.estimate.light.floor_albedo import floor_notes, flux_notes
 from procam.estimate.light.footprint import lit_share, project_surface
 from procam.estimate.light.luminance_matching import matched_white
-from procam.estimate.light.projector_response import ColourFit
-from procam.estimate.light.scatter_kernel import BLACK_BLUR_PX, CELLS, ScatterSample
+from procam.estimate.light.measurement import ProjectorMeasurement, direct_black
+from procam.estimate.light.scatter_kernel import BLACK_BLUR_PX, CELLS
 from procam.estimate.light.separation import SeparatedLight
 from procam.estimate.light.spots import spot_notes
 from procam.estimate.light.unknown_vignetting import vignetting_notes
@@ -32,7 +32,7 @@ from procam.maths.geometry.sphere import master_directions, master_solid_angles
 from procam.maths.warp import blur, sample
 from procam.model.calibration import Calibration, ProjectorCalibration
 from procam.model.mask import Nudge
-from procam.model.photometry import Photometry, ResponseCurve
+from procam.model.photometry import Photometry
 from procam.model.quality import Figure, Goal
 from procam.model.screen import Dome
 from procam.model.transport import DomeMaps
@@ -40,29 +40,6 @@ from procam.model.transport import DomeMaps
 MAP_SIZE = 1024
 COVERED = 0.999  # coverage of a pixel that limits the common white
 MAX_ADDITIVITY_ERROR = 0.01
-
-
-@dataclass(frozen=True, slots=True)
-class ProjectorMeasurement:
-    """Light of one projector in camera channels.
-
-    Attributes
-    ----------
-    light : direct and scattered light of its white.
-    black : (H, W, 3) radiance of its black picture, scattered light included.
-    colour, response : fitted to its pictures of primaries and of levels.
-    scatter_samples : of its white, then of its other pictures.
-    exponent : as in `Photometry`. notes : for the report. moved_px : of the camera's picture meanwhile.
-    """
-
-    light: SeparatedLight
-    black: Image
-    colour: ColourFit
-    response: ResponseCurve
-    scatter_samples: Sequence[ScatterSample] = ()
-    exponent: Image | None = None
-    notes: Sequence[str] = ()
-    moved_px: float = 0.0
 
 
 def assemble(
@@ -203,17 +180,6 @@ class _Master:
         smooth = blur(total, BLACK_BLUR_PX) @ to_relative.T.astype(np.float32)
         level = np.maximum(sample(smooth, self.where), 0) * self.coverage[..., None]
         return np.asarray(level, np.float32)
-
-
-def direct_black(measured: ProjectorMeasurement) -> Image:
-    """Direct radiance (H, W, 3) of a projector's black, 0 where it does not light.
-
-    A projector's black is distributed like its white, so its share of scattered light is the same.
-    """
-    light = measured.light
-    both = np.maximum(light.direct + light.scattered, 1e-9)
-    share = np.where(light.lit[..., None], light.direct / both, 0)
-    return np.asarray(np.nan_to_num(measured.black) * share, np.float32)
 
 
 def _content_matrix(measured: Mapping[str, ProjectorMeasurement]) -> Array:

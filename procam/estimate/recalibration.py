@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 
 from procam.arrays import Array, BoolArray, Image
-from procam.estimate.calibration import ProjectorMeasurement, converted, direct_black
+from procam.estimate.calibration import converted
 from procam.estimate.geometry.camera_view import DomeView
 from procam.estimate.geometry.screen_points import round_shape, screen_points
 from procam.estimate.geometry.solve import GeometrySolution
 from procam.estimate.light.blend import Blender
 from procam.estimate.light.footprint import project_surface
+from procam.estimate.light.measurement import ProjectorMeasurement, direct_black
 from procam.estimate.light.scatter_kernel import BLACK_BLUR_PX
 from procam.estimate.light.separation import SeparatedLight
 from procam.maths.geometry.lenses import project_before_fold

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from procam.estimate.calibration import ProjectorMeasurement
+from procam.estimate.light.measurement import ProjectorMeasurement
 from procam.estimate.light.separation import SeparatedLight
 from procam.workflows.solve.measurements import MeasurementsOnDisk
 

@@ -148,13 +148,13 @@ class SessionImages:
 
     def stripe_pairs(self, projector: str) -> Iterator[tuple[str, int, Image, Image]]:
         """(axis, bit, pattern, inverse) of the stripes for the separation."""
+        for axis, bit, pattern, inverse in self.stripes(projector):
+            yield axis, bit, self.light(pattern), self.light(inverse)
+
+    def stripes(self, projector: str) -> Iterator[tuple[str, int, Shot, Shot]]:
+        """(axis, bit, shot of the pattern, shot of its inverse) of the stripes."""
         for pattern, inverse in self._pairs(projector):
-            yield (
-                str(pattern.detail["axis"]),
-                int(pattern.detail["bit"]),
-                self.light(pattern),
-                self.light(inverse),
-            )
+            yield str(pattern.detail["axis"]), int(pattern.detail["bit"]), pattern, inverse
 
     def _pairs(self, projector: str) -> Iterator[tuple[Shot, Shot]]:
         shots = self.plan.of(projector, "stripes")

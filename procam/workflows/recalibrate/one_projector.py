@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 
 from procam.arrays import Array
-from procam.estimate.calibration import ProjectorMeasurement
 from procam.estimate.camera.radiance import Radiometer
 from procam.estimate.geometry.camera_view import DomeView
 from procam.estimate.geometry.known_rig import solve_projectors
 from procam.estimate.geometry.model import RigGeometry
 from procam.estimate.geometry.screen_points import round_shape
 from procam.estimate.geometry.solve import GeometrySolution
+from procam.estimate.light.measurement import ProjectorMeasurement
 from procam.estimate.recalibration import with_projector
 from procam.files.session import Session
 from procam.files.venue.load import Venue
@@ -23,7 +23,7 @@ from procam.workflows.capture.session_images import SessionImages
 from procam.workflows.main_camera import light_radiometer, screen_view
 from procam.workflows.solve.decode import Decoded, decode_projector
 from procam.workflows.solve.geometry import rig_problem
-from procam.workflows.solve.light import measure_light
+from procam.workflows.solve.light import light_of
 from procam.workflows.solve.long_exposure import with_long_exposure
 from procam.workflows.solve.plausible import check_on_screen
 from procam.workflows.solve.provenance import provenance
@@ -82,7 +82,7 @@ def _measured(venue: Venue, session: Session, calibration: Calibration, name: st
     main = {(geometry.main, name): found}
     notes += [*decoded, *check_on_screen(view, main)]
     masks = projector_masks(venue)
-    light = measure_light(calibration.screen, images, view, geometry, main, masks, name)
+    light = light_of(calibration.screen, images, view, geometry, main, masks, name)
     return _Measured(light, images, view, geometry, [*notes, *light.notes])
 
 

@@ -34,7 +34,7 @@ from procam.workflows.solve.apriltags import detect_tags, tag_marks, tag_notes
 from procam.workflows.solve.decode import Decoded, decode_bytes, decode_projector
 from procam.workflows.solve.geometry import rig_problem, solve_rig
 from procam.workflows.solve.glare import with_bounded_glare
-from procam.workflows.solve.light import measure_light, measure_server_light
+from procam.workflows.solve.light import light_of, server_light_of
 from procam.workflows.solve.long_exposure import with_long_exposure
 from procam.workflows.solve.measurements import MeasurementsOnDisk
 from procam.workflows.solve.media_server import (
@@ -113,10 +113,10 @@ def _solve(venue: Venue, session: Session) -> Steps[Solved]:
         geometry = with_near_veil(dome, images, view, geometry, rig.found)
         images = _with_glare(images, geometry)
         view = replace(view, camera=images.radiometer.camera)
-    work = partial(measure_light, dome, images, view, geometry, rig.found, projector_masks(venue))
+    work = partial(light_of, dome, images, view, geometry, rig.found, projector_masks(venue))
     if server:
         mask = projector_masks(venue)[server.name]
-        work = partial(measure_server_light, dome, images, view, geometry, (server, mask))
+        work = partial(server_light_of, dome, images, view, geometry, (server, mask))
     with MeasurementsOnDisk(venue.directory) as measured:
         for i, (name, measured[name]) in enumerate(
             side_by_side(work, names, sight_bytes(geometry.camera))

@@ -9,6 +9,7 @@ from procam.errors import CalibrationError
 from procam.estimate.camera.binning import Binning
 from procam.estimate.geometry.model import Observations
 from procam.estimate.geometry.observations import gather_observations
+from procam.estimate.light.code_light import odd_waves
 from procam.estimate.light.direct_light import DirectLight
 from procam.estimate.structured_light.codes import make_code
 from procam.estimate.structured_light.decode import Decoder
@@ -19,7 +20,6 @@ from procam.files.venue.masks import camera_masks, projector_masks
 from procam.model.correspondence import CorrespondenceMap
 from procam.model.optics import CameraModel
 from procam.workflows.capture.session_images import SessionImages
-from procam.workflows.solve.code_light import odd_waves
 from procam.workflows.solve.direct_light import check_decoded, stripe_light
 
 BYTES_PER_PIXEL = 80

@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 
 from procam.arrays import Image
-from procam.estimate.calibration import ProjectorMeasurement
+from procam.estimate.light.measurement import ProjectorMeasurement
 
 NOTHING = np.zeros((0, 0, 3), np.float32)
 

@@ -9,13 +9,14 @@ from procam.estimate.camera.near_veil import NearVeilFit
 from procam.estimate.geometry.camera_view import DomeView
 from procam.estimate.geometry.model import Pair
 from procam.estimate.geometry.solve import GeometrySolution
+from procam.estimate.light.projector_images import CameraSight
 from procam.estimate.light.separation import Separation
 from procam.model.optics import ProjectorModel, Sensor
 from procam.model.screen import Dome
 from procam.workflows.capture.session_images import SessionImages
 from procam.workflows.solve.decode import Decoded
 from procam.workflows.solve.side_by_side import side_by_side
-from procam.workflows.solve.sight import GREEN, CameraSight, camera_sight, sight_bytes
+from procam.workflows.solve.sight import GREEN, camera_sight, sight_bytes
 
 MIN_PERIODS = 2  # of stripes over a panel: on fewer, light that a floor returns looks like a veil
 GLARE_SIGMAS = 2.0  # by which the veil may exceed the stated one

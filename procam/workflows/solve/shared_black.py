@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from procam.estimate.calibration import ProjectorMeasurement
 from procam.estimate.geometry.camera_view import DomeView
+from procam.estimate.light.measurement import ProjectorMeasurement
 from procam.estimate.light.shared_black import SharedBlack, fit_shared_black
 from procam.files.venue.load import BY_HAND, Venue
 from procam.model.calibration import Calibration

@@ -1,7 +1,6 @@
 """A projector's picture as the main camera sees it."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from procam.estimate.geometry.model import Pair
 from procam.estimate.geometry.solve import GeometrySolution
 from procam.estimate.light.direct_light import well_inside
 from procam.estimate.light.inpaint import fill_picture, pixels_without_pattern
+from procam.estimate.light.projector_images import CameraSight
 from procam.maths.codes.shot_id import CELLS_PER_PANEL, shot_id_pixels
 from procam.model.mask import Mask
 from procam.model.optics import CameraModel
@@ -25,32 +25,6 @@ from procam.workflows.solve.direct_light import check_decoded
 GREEN = 1
 BYTES_PER_PIXEL, BYTES_OF_PHOTOGRAPH = 270, 14  # of the light, and of a photograph while it is read
 SATURATED = 0.005  # of the screen: white paper on it, glints
-
-
-@dataclass(frozen=True, slots=True)
-class CameraSight:
-    """One projector as the main camera sees it.
-
-    Attributes
-    ----------
-    xy : (H, W, 2) panel pixel, NaN where there is none. panel : its pixels on the raster that stripes
-        and levels are drawn on, NaN also where they are hidden.
-    lit : (H, W) sees the projector's picture. maybe_lit : (H, W) may see it, or see a pixel of it in part.
-    unpatterned : (H, W) sees no pattern, because of a shot mark or a glint of the lens.
-    unknown : (H, W) should see it, and is too dark to decide whether it does.
-    white, base : (H, W, 3) white less the base; black and room light at white's exposure.
-    shot_ids_share : share of the panel that its pictures' numbers take.
-    """
-
-    xy: Image
-    panel: Image
-    lit: BoolArray
-    maybe_lit: BoolArray
-    unpatterned: BoolArray
-    unknown: BoolArray
-    white: Image
-    base: Image
-    shot_ids_share: float
 
 
 def sight_bytes(camera: CameraModel) -> float:

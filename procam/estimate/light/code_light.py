@@ -4,12 +4,12 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from procam.arrays import Array, BoolArray, FloatArray, Image
-from procam.estimate.calibration import ProjectorMeasurement
+from procam.arrays import Array, FloatArray, Image
+from procam.estimate.light.measurement import ProjectorMeasurement
+from procam.estimate.light.projector_images import CameraSight, Picture, ProjectorImages
 from procam.maths.warp import sample
 from procam.model.photometry import ResponseCurve
 from procam.model.plan import Shot
-from procam.workflows.capture.session_images import SessionImages
 
 ODD_LIGHT = 0.1  # relative; waves of different phase differ by a percent, a person takes some
 WAVES = 6  # at least so many of a code, evenly picked, have their light predicted
@@ -36,43 +36,32 @@ def odd_waves(light: Mapping[int, float], shots: Sequence[Shot], name: str) -> l
 
 
 def wave_notes(
-    images: SessionImages,
-    name: str,
-    panel: Image,
-    sound: BoolArray,
-    base: Image,
-    found: ProjectorMeasurement,
+    images: ProjectorImages, sight: CameraSight, found: ProjectorMeasurement
 ) -> list[str]:
     """A note if the waves of a projector's code are not as bright as its response predicts.
 
     Waves are finer than the tiles from which the response is measured, so what a projector does to fine
     pictures alone, such as sharpening, makes a difference. The light of white is that of all stripes,
-    as one photograph may be a percent off.
-
-    Parameters
-    ----------
-    panel : (H, W, 2) panel pixel that a camera pixel sees. sound : (H, W) whether it sees the pattern.
-    base : (H, W, 3) what the camera sees without it. found : direct and scattered light of white.
+    as one photograph may be a percent off. `found` : direct and scattered light of white.
     """
 
-    def shown(shot: Shot) -> Image:
-        drive = images.session.pattern(shot)[..., 0]
-        return _green_light(drive, found.response, found.colour.mix)
+    def shown(picture: Picture) -> Image:
+        return _green_light(picture.drive()[..., 0], found.response, found.colour.mix)
 
+    sound = found.light.lit & ~sight.unpatterned
     direct, scattered = (x[..., GREEN] for x in (found.light.direct, found.light.scattered))
-    full, shots = shown(images.only(name, "white")).mean(), images.plan.of(name, "code")
-    ratios = list[float]()
-    for shot in shots[:: max(1, len(shots) // WAVES)]:
-        wave, light = shown(shot), images.light(shot)
-        predicted = direct * sample(wave, panel) + scattered * (wave.mean() / full)
-        seen = (light[..., GREEN] if light.ndim == 3 else light) - base[..., GREEN]
+    full, ratios = shown(images.white).mean(), list[float]()
+    for picture in images.code[:: max(1, len(images.code) // WAVES)]:
+        wave, light = shown(picture), picture.light()
+        predicted = direct * sample(wave, sight.xy) + scattered * (wave.mean() / full)
+        seen = (light[..., GREEN] if light.ndim == 3 else light) - sight.base[..., GREEN]
         both = sound & np.isfinite(predicted) & np.isfinite(seen)
         ratios.append(float(seen[both].sum() / predicted[both].sum()))
     ratio = float(np.median(ratios))
     if abs(ratio - 1) <= NOT_PREDICTED:
         return []
     return [
-        f"projector {name}: the waves of its code show {ratio:.2f} times the light that its response "
+        f"projector {images.name}: the waves of its code show {ratio:.2f} times the light that its response "
         "predicts: it or the player sharpens or scales the picture, or alters it in another way, so what is "
         "lit may be wrong by more than is stated. Switch off sharpness, detail and dynamic contrast, show "
         "pictures pixel by pixel in 8 bits, and photograph again"

@@ -6,9 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from procam.estimate.light.code_light import odd_waves, wave_notes
+from procam.estimate.light.projector_images import Picture
 from procam.model.photometry import ResponseCurve
 from procam.model.plan import Shot
-from procam.workflows.solve.code_light import odd_waves, wave_notes
 
 SIZE, PERIOD = (96, 64), 16.0
 LEVELS = np.linspace(0, 1, 257)
@@ -27,33 +28,24 @@ def _green(drive: np.ndarray) -> np.ndarray:
     return sum(MIX[1, c] * drive[..., c] ** g for c, g in enumerate(GAMMAS))  # type: ignore[return-value]
 
 
-WHITE = Shot("w", "white", "p", "", (0.1,))
 DIRECT, SCATTERED, ROOM = 0.6, 0.1, 0.05
 
 
-class Photographs:
+def photographs(factor: float, colour: bool) -> Any:
     """Waves before a camera whose pixels are the projector's, `factor` times as bright as predicted."""
 
-    def __init__(self, factor: float, colour: bool) -> None:
-        shots = [
-            Shot(f"w-{n}", "code", "p", "", (0.1,), detail={"plane": n + 2}) for n in range(16)
-        ]
-        self.plan = SimpleNamespace(of=lambda *_: shots)
-        self.only = lambda *_: WHITE
-        self.session = SimpleNamespace(pattern=self._pattern)
-        self._factor, self._colour = factor, colour
-
-    def _pattern(self, shot: Shot) -> np.ndarray:
-        white = np.ones((SIZE[1], SIZE[0], 3), np.float32)
-        drive = white if shot is WHITE else np.array(_wave(shot.detail["plane"]))
+    def picture(drive: np.ndarray) -> Picture:
+        drive = np.array(drive)
         drive[:8, :8] = 1.0  # the number, in all pictures
-        return drive
-
-    def light(self, shot: Shot) -> np.ndarray:
-        wave = _green(self._pattern(shot))
-        green = self._factor * (DIRECT * wave + SCATTERED * wave.mean()) + ROOM
+        wave = _green(drive)
+        green = factor * (DIRECT * wave + SCATTERED * wave.mean()) + ROOM
         green[0, 0] = np.nan  # saturated
-        return np.stack([0 * green, green, 9 * green], -1) if self._colour else green
+        light = np.stack([0 * green, green, 9 * green], -1) if colour else green
+        return Picture("w", "code", lambda: drive, lambda: light)
+
+    white = np.ones((SIZE[1], SIZE[0], 3), np.float32)
+    code = [picture(_wave(n + 2)) for n in range(16)]
+    return SimpleNamespace(name="p", white=picture(white), code=code)
 
 
 @pytest.mark.parametrize("colour", [False, True])
@@ -69,12 +61,14 @@ def test_waves_are_as_bright_as_the_response_predicts(
     found: Any = SimpleNamespace(
         response=ResponseCurve(LEVELS, values, 0 * values),
         colour=SimpleNamespace(mix=MIX),
-        light=SimpleNamespace(direct=DIRECT * every, scattered=SCATTERED * every),
+        light=SimpleNamespace(
+            direct=DIRECT * every, scattered=SCATTERED * every, lit=np.ones(panel.shape[:2], bool)
+        ),
     )
-    photographs: Any = Photographs(factor, colour)
-    sound = np.ones(panel.shape[:2], bool)
-    sound[5:9] = False
-    notes = wave_notes(photographs, "p", panel, sound, ROOM * every, found)
+    unpatterned = np.zeros(panel.shape[:2], bool)
+    unpatterned[5:9] = True
+    sight: Any = SimpleNamespace(xy=panel, base=ROOM * every, unpatterned=unpatterned)
+    notes = wave_notes(photographs(factor, colour), sight, found)
     assert len(notes) == noted
     assert all(f"show {factor:.2f} times the light that its response" in n for n in notes)
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from procam.workflows.solve.mirrored import found_flip
+from procam.estimate.light.mirrored import found_flip
 
 
 def picture(rng: np.random.Generator) -> np.ndarray:

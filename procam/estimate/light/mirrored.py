@@ -6,9 +6,8 @@ import numpy as np
 
 from procam.arrays import BoolArray, FloatArray, Image, IndexArray
 from procam.errors import CalibrationError
+from procam.estimate.light.projector_images import CameraSight, ProjectorImages
 from procam.maths.warp import sample
-from procam.model.plan import Shot
-from procam.workflows.capture.session_images import SessionImages
 
 FLIPS: Mapping[str, Callable[[Image], Image]] = {
     "mirrored": lambda picture: picture[:, ::-1],
@@ -24,36 +23,28 @@ LEAST_LIGHT = 0.2  # of the median of white: beside it ratios are noise
 GREEN = 1
 
 
-def check_not_mirrored(
-    images: SessionImages, name: str, panel: Image, lit: BoolArray, white: Image, base: Image
-) -> None:
+def check_not_mirrored(images: ProjectorImages, sight: CameraSight) -> None:
     """Refuse a projector that was switched to mirrored after it was decoded.
-
-    Parameters
-    ----------
-    panel : (H, W, 2) panel pixel that a camera pixel sees. lit : (H, W) whether it sees the picture.
-    white, base : (H, W, 3) white less the base; what the camera sees without the picture.
 
     Raises
     ------
     CalibrationError
         With the first photograph that shows a flipped picture.
     """
-    full, use = white[..., GREEN], _compared(white[..., GREEN], lit, panel)
+    full = sight.white[..., GREEN]
+    use = _compared(full, sight.lit, sight.panel)
     if not use.size:
         return
-    at = panel.reshape(-1, 2)[use]
-    for shot in _shots(images, name):
-        light = images.light(shot)
-        green = (light if light.ndim == 2 else light[..., GREEN]) - base[..., GREEN]
-        flip = found_flip(
-            green.ravel()[use] / full.ravel()[use], images.session.pattern(shot)[..., 0], at
-        )
+    at = sight.panel.reshape(-1, 2)[use]
+    for picture in images.in_turn(EVERY_CODE):
+        light = picture.light()
+        green = (light if light.ndim == 2 else light[..., GREEN]) - sight.base[..., GREEN]
+        flip = found_flip(green.ravel()[use] / full.ravel()[use], picture.drive()[..., 0], at)
         if flip:
             raise CalibrationError(
-                f"projector {name}: its picture is {flip} from {shot.id} ({shot.purpose}) on, and was not "
-                "before: rear projection, ceiling mount or a flip was switched in its menu or in the player "
-                "while it was photographed. Switch it back and photograph again"
+                f"projector {images.name}: its picture is {flip} from {picture.id} ({picture.purpose}) on, "
+                "and was not before: rear projection, ceiling mount or a flip was switched in its menu or in "
+                "the player while it was photographed. Switch it back and photograph again"
             )
 
 
@@ -63,12 +54,6 @@ def _compared(full: Image, lit: BoolArray, panel: Image) -> IndexArray:
     least = LEAST_LIGHT * np.median(light[lit]) if lit.any() else np.inf
     use = np.flatnonzero((light > max(least, 0.0)) & np.isfinite(panel).all(axis=-1))
     return use[:: max(1, len(use) // MAX_PIXELS)]
-
-
-def _shots(images: SessionImages, name: str) -> list[Shot]:
-    plan = images.plan
-    code = plan.of(name, "code")[::EVERY_CODE]
-    return [*code, *(s for what in ("stripes", "zone", "levels") for s in plan.of(name, what))]
 
 
 def found_flip(share: FloatArray, picture: Image, at: FloatArray) -> str:
