@@ -176,7 +176,10 @@ class _Master:
         self, measured: Mapping[str, ProjectorMeasurement], to_relative: Array
     ) -> Image:
         """Direct black light (N, N, 3) of all projectors together, smoothed [rel]."""
-        total = np.sum([direct_black(each) for each in measured.values()], axis=0)
+        first, *others = measured
+        total = direct_black(measured[first])
+        for name in others:  # one at a time: of a large camera they take 0.1 GB each
+            total += direct_black(measured[name])
         smooth = blur(total, BLACK_BLUR_PX) @ to_relative.T.astype(np.float32)
         level = np.maximum(sample(smooth, self.where), 0) * self.coverage[..., None]
         return np.asarray(level, np.float32)
@@ -184,8 +187,7 @@ class _Master:
 
 def _content_matrix(measured: Mapping[str, ProjectorMeasurement]) -> Array:
     """(3, 3) from camera radiance to amounts of the mean projector's primaries."""
-    lights = [m.light for m in measured.values()]
-    white = np.mean([light.direct[light.lit].mean(axis=0) for light in lights], axis=0)
+    white = np.mean([m.light.direct[m.light.lit].mean(axis=0) for m in measured.values()], axis=0)
     return np.asarray(np.linalg.inv(_mean_mix(measured)) / white, float)
 
 

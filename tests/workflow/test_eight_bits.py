@@ -16,7 +16,7 @@ from procam.model.calibration import Calibration
 from procam.model.frame import Frame
 from procam.model.plan import Shot
 from procam.workflows.capture.session_images import SessionImages
-from procam.workflows.solve import calibrate, direct_light
+from procam.workflows.solve import direct_light, rig
 from procam.workflows.solve.decode import decode_projector
 from simulators.truth import write_truth
 
@@ -99,7 +99,7 @@ def test_feedback_and_albedo_are_the_simulators(
 ) -> None:
     venue, session, _, truth = taken
     monkeypatch.setattr(EightBits, "gain", gain)
-    monkeypatch.setattr(calibrate, "SessionImages", EightBits)
+    monkeypatch.setattr(rig, "SessionImages", EightBits)
     found = load_calibration(solved(venue, session))
     assert_covers(found, truth)
 

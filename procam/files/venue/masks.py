@@ -5,6 +5,7 @@ measured but never compensated. They are part of venue.toml, so every solve appl
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from procam.maths.geometry.sphere import (
     master_pixels,
     master_solid_angles,
 )
+from procam.model.calibration import Calibration
 from procam.model.mask import Mask, Nudge
 
 MASTER_SIZE = 1024  # edge of the dome master that PNGs of the dome are drawn on [px]
@@ -132,3 +134,10 @@ def read_mask(path: Path, size: tuple[int, int]) -> BoolArray:
         )
     colours = pixels[..., :3] if pixels.shape[2] > 2 else pixels[..., :1]
     return np.asarray((colours.astype(float) > 0).any(axis=2))
+
+
+def protecting(venue: Venue, calibration: Calibration) -> Calibration:
+    """The calibration with the parts of the dome that a person protects, if there are any."""
+    mask, maps = protected_mask(venue, calibration.maps.size), calibration.maps
+    protected = mask if mask.covered.any() else None
+    return replace(calibration, maps=replace(maps, protected=protected))

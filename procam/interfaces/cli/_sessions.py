@@ -7,6 +7,7 @@ from procam.files.calibration import load_calibration, save_calibration
 from procam.files.versions import calibration_in_use, next_directory, use_calibration
 from procam.interfaces.cli._output import Output
 from procam.interfaces.report import write_report
+from procam.memory import return_buffers
 from procam.workflows.refine.refine import Refined
 from procam.workflows.refine.stored_pictures import keep_pictures
 from procam.workflows.sample_content import half_sky
@@ -17,6 +18,7 @@ CONTENT_SIZE = 1024  # edge of the sample picture [px]
 
 def keep_report(venue: Path) -> Path:
     """Write the pictures of the calibration in use, and the report that shows them; returns its path."""
+    return_buffers()  # of the solve, which took more
     keep_pictures(venue, load_calibration(calibration_in_use(venue)), half_sky(CONTENT_SIZE))
     return write_report(venue)
 

@@ -1,6 +1,7 @@
 """Refuses what must not be written: a picture beyond the rim, light that is no number, uneven pictures."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -87,3 +88,10 @@ def _check_finite(calibration: Calibration) -> None:
                 f"the {name} cannot be determined from these pictures. Check the fiducials, half_angle_deg "
                 "and what the camera sees of the dome"
             )
+
+
+def noted(calibration: Calibration) -> Calibration:
+    """The calibration with what its own picture says of it."""
+    known = calibration.provenance
+    notes = [*known["notes"], *check_calibration(calibration)]
+    return replace(calibration, provenance={**known, "notes": notes})

@@ -7,7 +7,7 @@ from procam.memory import return_buffers
 from procam.threads import ThreadPool
 
 WORKERS = 2  # NumPy leaves the other core idle
-MOST_BYTES = 2.4e9  # of all workers together; where they need more, one works after the other
+MOST_BYTES = 2.1e9  # of all workers together; where they need more, one works after the other
 Result = TypeVar("Result")
 
 
