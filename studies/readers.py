@@ -22,7 +22,7 @@ import OpenImageIO as oiio
 from procam.errors import FileFormatError, InputError
 from procam.files.bundle import open_bundle, read_manifest
 from procam.files.bundle.original import original_figures
-from procam.files.calibration import load_calibration, load_dome
+from procam.files.calibration import load_calibration, load_dome, metered_white
 from procam.files.code_file import load_code
 from procam.files.dataset import load_dataset
 from procam.files.history.figures import calibration_figures
@@ -41,6 +41,7 @@ from procam.files.output_log import OutputLog
 from procam.files.seats import other_seats
 from procam.files.session import Session
 from procam.files.system import try_lock
+from procam.files.venue.edit import Key, edited_text
 from procam.files.venue.load import load_venue
 from procam.files.venue.masks import read_mask
 from procam.files.versions import calibrated_session, calibration_in_use, solved_sessions
@@ -88,6 +89,12 @@ def _settings(path: Path) -> object:
     return read_settings(Session(path.parents[2]), path.parent.name)
 
 
+def _edited(path: Path) -> object:
+    """As the commands of `procam lens` write into it."""
+    camera = next(iter(load_venue(path.parent).cameras), "")
+    return edited_text(path.parent, camera, [Key("glare", 0.003, "0.0001"), Key("k", [0.0] * 4)])
+
+
 def _rounds(path: Path) -> object:
     rounds = rounds_in(path.parent)
     return rounds.ask([WANTED]), rounds.order()
@@ -104,7 +111,7 @@ def _listed(path: Path) -> object:
     """What commands take from a calibration that they do not load."""
     venue_dir = path.parents[2]
     seats = list(other_seats(venue_dir, venue_dir / "calibrations" / "0001"))
-    session = calibrated_session(venue_dir), solved_sessions(venue_dir)
+    session = calibrated_session(venue_dir), solved_sessions(venue_dir), metered_white(path.parent)
     return seats, session, original_figures(venue_dir, "0001"), calibration_figures(path)
 
 
@@ -284,6 +291,7 @@ READERS = (
     Reader("settings.json", f"{SESSION}/captures/zenith/settings.json", _settings),
     Reader("frame", f"{SESSION}/captures/zenith/dark@0.13.tif", _session),
     Reader("venue.toml", "venue/venue.toml", lambda p: load_venue(p.parent)),
+    Reader("venue.toml that is edited", "venue/venue.toml", _edited),
     Reader("bundle", "bundle.zip", _bundle, lossless=True),
     Reader("manifest.json of a bundle", "forged/manifest.json", _forged),
     Reader("venue.toml of a bundle", "forged/venue.toml", _forged),

@@ -166,7 +166,7 @@ def test_on_a_pipe_the_certificate_covers_memory_only(kept: Path, tmp_path: Path
     pytest.importorskip("matplotlib", reason="needs the extra `report`")
     report, frame = tmp_path / "r.csv", np.full((SIZE, SIZE, 3), 128, np.uint8)
     command = [sys.executable, "-m", "procam", "compensate", str(kept), "-", "-"]
-    command += ["--size", str(SIZE), "--pixels", "rgb24", "--report", str(report)]
+    command += ["--edge", str(SIZE), "--pixels", "rgb24", "--report", str(report)]
     ran = subprocess.run(
         command, input=2 * frame.tobytes(), capture_output=True, env=os.environ, check=True
     )

@@ -183,15 +183,15 @@ class TestPipe:
         ("arguments", "words"),
         [
             (["-", "out.exr"], "IN is - and OUT is out.exr; either both are -"),
-            (["-", "-"], "give --size and --pixels"),
-            (["-", "-", "--size", "9000000", "--pixels", "rgb24"], "--size is 9000000 px"),
+            (["-", "-"], "give --edge and --pixels"),
+            (["-", "-", "--edge", "9000000", "--pixels", "rgb24"], "--edge is 9000000 px"),
             (
-                ["-", "-", "--size", "1", "--pixels", "rgb24"],
-                "--size is 1 px; it must be the edge of a frame, from 2 to 16384",
+                ["-", "-", "--edge", "1", "--pixels", "rgb24"],
+                "--edge is 1 px; it must be that of a frame, from 2 to 16384",
             ),
-            (["-", "-", "--size", "8", "--pixels", "yuv420p"], "must be one of rgb24"),
-            (["-", "-", "--size", "8", "--pixels", "rgb24", "--json"], "cannot be used on a pipe"),
-            (["a.exr", "b.exr", "--size", "8"], "--size and --pixels are for pipes"),
+            (["-", "-", "--edge", "8", "--pixels", "yuv420p"], "must be one of rgb24"),
+            (["-", "-", "--edge", "8", "--pixels", "rgb24", "--json"], "cannot be used on a pipe"),
+            (["a.exr", "b.exr", "--edge", "8"], "--edge and --pixels are for pipes"),
         ],
     )
     def test_refusals(
@@ -233,7 +233,7 @@ class TestFirstPixel:
     ) -> None:
         save_calibration(calibration, tmp_path / "kept")
         size = 2 * calibration.maps.size
-        pipe = ["-", "-", "--pixels", "rgb24", "--size", f"{size}"]
+        pipe = ["-", "-", "--pixels", "rgb24", "--edge", f"{size}"]
         code = (
             f"import sys; sys.argv = ['procam', 'compensate', {str(tmp_path / 'kept')!r}, *{pipe}]\n"
             "from procam.interfaces.cli.main import main\n"
@@ -391,7 +391,7 @@ def _sent(pipe: IO[bytes], content: bytes) -> None:
 
 
 def _compensating(code: str, calibration: Path, size: int) -> "subprocess.Popen[bytes]":
-    pipe = ["-", "-", "--pixels", "rgb24", "--size", f"{size}"]
+    pipe = ["-", "-", "--pixels", "rgb24", "--edge", f"{size}"]
     every = subprocess.PIPE
     command = [sys.executable, "-c", code, "compensate", str(calibration), *pipe]
     return subprocess.Popen(command, stdin=every, stdout=every, stderr=every)

@@ -66,9 +66,7 @@ def test_a_calibration_that_contradicts_the_one_in_use_is_not_used(venue: Path) 
         ran = procam("session", "solve", session)
     assert ran.code == 0
     assert "note: 0002 contradicts 0001, which stays in use: " in ran.out
-    assert (
-        "wrong projector on the wire. If the new one is right, run: procam venue status" in ran.out
-    )
+    assert "wrong projector on the wire. If the new one is right, run: procam venue use " in ran.out
     assert calibration_in_use(venue).name == "0001"
     assert "0002 is in use" in procam("venue", "use", f"{venue}@2").out
     assert calibration_in_use(venue).name == "0002"

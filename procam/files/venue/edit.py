@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import tomlkit
+from tomlkit.exceptions import TOMLKitError
 from tomlkit.items import AbstractTable, Whitespace
 
 from procam.errors import InputError
@@ -50,9 +51,19 @@ def set_camera_keys(venue_dir: Path, camera: str, keys: Sequence[Key]) -> None:
     InputError
         There is no such camera, or the file would have a mistake with the keys; it stays as it was.
     """
+    write_text(venue_dir / "venue.toml", edited_text(venue_dir, camera, keys))
+
+
+def edited_text(venue_dir: Path, camera: str, keys: Sequence[Key]) -> str:
+    """The text of venue.toml with keys of [cameras.CAMERA]; what is wrong is refused as for writing it."""
     require_camera(venue_dir, camera)
     path = venue_dir / "venue.toml"
-    document: Any = tomlkit.parse(path.read_text("utf-8-sig"))
+    try:
+        document: Any = tomlkit.parse(path.read_text("utf-8-sig"))
+    except TOMLKitError as error:  # what tomllib reads it should, but it is another program
+        raise InputError(
+            f"{path} cannot be edited ({error}); write the lines into it yourself"
+        ) from error
     table = document["cameras"][camera]
     body = table.value.body if isinstance(table, AbstractTable) else []  # of dotted keys
     below = _cut_below(body)
@@ -61,7 +72,7 @@ def set_camera_keys(venue_dir: Path, camera: str, keys: Sequence[Key]) -> None:
     body += below
     text = tomlkit.dumps(document)
     checked_venue(venue_dir, tomllib.loads(text))
-    write_text(path, text)
+    return text
 
 
 def _cut_below(body: list[Any]) -> list[Any]:

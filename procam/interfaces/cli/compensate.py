@@ -14,7 +14,6 @@ import typer
 from procam.compensate.perceptual.settings import PERCEPTUAL
 from procam.errors import InputError
 from procam.files.calibration import load_dome
-from procam.interfaces.cli._frames import report_frames
 from procam.interfaces.cli._options import (
     CalibrationArgument,
     DbOption,
@@ -123,10 +122,8 @@ def compensate(
     if (edge or pixels) and PIPE not in (source, out):
         raise InputError("--edge and --pixels are for pipes; use them with - as IN and OUT")
     if to != "screen":
-        from procam.workflows.playout.warp import warp_file
-
         _check_to(to, [source, out], settings, plots=bool(explain or report))
-        report_frames(warp_file(calibration, source, out, settings, some), source, output)
+        _to_projectors(calibration, (source, out), settings, some, output)
         return
     if PIPE in (source, out):
         if output.as_json or explain or some:
@@ -156,6 +153,24 @@ def _check_to(to: str, files: list[Path], settings: FrameSettings, *, plots: boo
             "--report, --explain and pipes, or compensate to the screen and then "
             "take those frames with --method none"
         )
+
+
+def _to_projectors(
+    calibration: Path,
+    files: tuple[Path, Path],
+    settings: FrameSettings,
+    frames: FrameRange | None,
+    output: Output,
+) -> None:
+    from procam.workflows.playout.warp import warp_file
+
+    source, out = files
+    made = output.follow_frames(
+        warp_file(calibration, source, out, settings, frames), quiet=source.is_file()
+    )
+    for path in made.paths:
+        output.say(f"{path} written")
+    output.finish({"frames": made.paths})
 
 
 def _on_pipe(

@@ -16,9 +16,7 @@ from procam.estimate.drift.finding import advice_by_hand
 )
 def test_by_hand_nothing_is_recalibrated_alone(advice: str) -> None:
     said = advice_by_hand(advice)
-    assert (
-        "recalibrate" not in said and "calibrate again: procam session plan, ingest, solve" in said
-    )
+    assert "recalibrate" not in said and "calibrate again: procam session plan, add, solve" in said
 
 
 def test_other_advice_stays() -> None:
