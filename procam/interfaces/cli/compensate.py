@@ -111,9 +111,8 @@ def compensate(
     was stopped is resumed. On a pipe each frame is sent at once, and stderr reports the latency at
     the end.
     """
-    settings = FrameSettings(method, state, strength, white, transfer, db, white_nits).at(
-        calibration
-    )
+    settings = FrameSettings(method, state, strength, white, transfer, db, white_nits)
+    settings = settings.at(calibration)
     output = Output(json)
     _check_plots(explain, report)
     some = None if frames is None else FrameRange.parsed(frames)
@@ -135,12 +134,11 @@ def compensate(
     beside, again = _beside(explain, report), report is not None
     steps = compensate_file(calibration, source, out, settings, again, beside, some)
     made = output.follow_frames(steps, quiet=source.is_file())
-    rows, notes = made.rows, made.notes
     if report:
-        _write_report(report, rows)
+        _write_report(report, made.rows)
     if explain:
         _write_explained(calibration, source, settings, explain)
-    _summarise([rows[number] for number in sorted(rows)], out, settings, output, notes)
+    _summarise([made.rows[n] for n in sorted(made.rows)], out, settings, output, made.notes)
 
 
 def _check_to(to: str, files: list[Path], settings: FrameSettings, *, plots: bool) -> None:
@@ -165,9 +163,8 @@ def _to_projectors(
     from procam.workflows.playout.warp import warp_file
 
     source, out = files
-    made = output.follow_frames(
-        warp_file(calibration, source, out, settings, frames), quiet=source.is_file()
-    )
+    steps = warp_file(calibration, source, out, settings, frames)
+    made = output.follow_frames(steps, quiet=source.is_file())
     for path in made.paths:
         output.say(f"{path} written")
     output.finish({"frames": made.paths})
