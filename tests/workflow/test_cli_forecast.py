@@ -3,6 +3,7 @@
 import json
 import re
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from procam.files.images.stills import write_picture
 from procam.interfaces.cli import forecast as command
 from procam.maths.geometry.sphere import master_solid_angles
 from procam.model.calibration import Calibration
+from procam.model.photometry import AbsoluteColour
 from procam.workflows.forecast import sampled
 from procam.workflows.sample_content import half_sky
 
@@ -213,6 +215,20 @@ class TestRefusals:
         assert ran.code == 2
         assert "wide.png: 20x10 px is no dome master" in ran.complaint
         assert not (tmp_path / "out").exists()
+
+
+def test_a_venue_with_a_hand_meter_is_forecast_in_its_units(
+    calibration: Calibration, venue: Path
+) -> None:
+    relative = _document(venue)["light"]["white_before"]["value"]
+    matrix = np.array([[5.0, 4, 2], [3.0, 7, 1], [0.1, 1, 9]])  # white of 11 cd/m2
+    metered = replace(calibration, absolute=AbsoluteColour(matrix, 1e-4 * np.eye(9)))
+    save_calibration(metered, venue / "calibrations" / "0002")
+    document = _document(venue)
+    assert document["unit"] == "cd/m2"
+    assert document["light"]["white_before"]["value"] == pytest.approx(11 * relative)
+    assert "by a hand meter 1.0 is 11 cd/m2, as direct light" in document["assumptions"]
+    assert _document(f"{venue}@1")["unit"] == "x direct white"
 
 
 def test_a_picture_of_other_primaries_is_converted_and_named(tmp_path: Path) -> None:

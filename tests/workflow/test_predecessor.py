@@ -2,17 +2,21 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from exact_room import coarse_rooms
 from tiny_venue import TINY_PAIR, Ran, make_venue, procam, quick_simulator, solved, take_session
 
-from procam.files.calibration import load_calibration
+from procam.files.calibration import load_calibration, save_calibration
 from procam.files.images.pixels import write_image
 from procam.files.session import Session
 from procam.files.venue.load import load_venue
 from procam.files.versions import calibration_in_use
+from procam.model.photometry import AbsoluteColour
+from procam.model.venue_state import VenueState
 
 
 @pytest.fixture(scope="module")
@@ -70,6 +74,18 @@ def test_a_calibration_that_contradicts_the_one_in_use_is_not_used(venue: Path) 
     assert calibration_in_use(venue).name == "0001"
     assert "0002 is in use" in procam("venue", "use", f"{venue}@2").out
     assert calibration_in_use(venue).name == "0002"
+
+
+def test_what_was_measured_since_the_last_solve_is_not_lost_without_a_word(venue: Path) -> None:
+    old = load_calibration(venue / "calibrations" / "0001")
+    metered = AbsoluteColour(np.diag([5.0, 9.0, 4.0]), np.eye(9))
+    full = VenueState("full", old.feedback, np.ones(3))
+    richer = replace(old, absolute=metered, states={"full": full})
+    save_calibration(richer, venue / "calibrations" / "0002")
+    with quick_simulator():
+        out = procam("session", "solve", venue).out
+    assert "note: venue states of 0002 are not in it: full; measure them again: procam state" in out
+    assert "note: 0002 knew its white in cd/m2 by a hand meter, and this one does not" in out
 
 
 def test_the_same_again_succeeds_without_a_word(twice: tuple[Path, Ran]) -> None:

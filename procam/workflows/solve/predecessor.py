@@ -1,5 +1,6 @@
 """Compares a new calibration of a venue with the one in use, which it replaces if they can both be right."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 from procam.errors import CalibrationError
@@ -16,11 +17,28 @@ def compare_with_predecessor(
 ) -> list[str]:
     """Compare a new calibration with the one used before it; one that contradicts it is not used.
 
-    Returns what to tell the crew: nothing for the first, for one that agrees, and for another rig.
+    Returns what to tell the crew: nothing for the first, and for one that agrees and has all that the other
+    had. What contradicts another rig is no news.
     """
     if before is None:
         return []
     old = load_calibration(before)
+    return [*_compared(venue_dir, (before, old), new, calibration), *_missing(before.name, old)]
+
+
+def _missing(name: str, old: Calibration) -> Iterator[str]:
+    """What the calibration before had been given since its solve, and a new solve cannot know."""
+    if old.states:
+        states = ", ".join(old.states)
+        yield f"venue states of {name} are not in it: {states}; measure them again: procam state"
+    if old.absolute:
+        yield f"{name} knew its white in cd/m2 by a hand meter, and this one does not: procam meter"
+
+
+def _compared(
+    venue_dir: Path, one_before: tuple[Path, Calibration], new: Path, calibration: Calibration
+) -> list[str]:
+    before, old = one_before
     if _panels(old) != _panels(calibration):
         return []
     try:
