@@ -1,10 +1,10 @@
 """One projector measured again, beside a whole calibration: shots, directions, and what an audience sees.
 
-Simulated domes are calibrated, one projector is turned by half a degree, and the dome is calibrated again:
-once by `procam recalibrate`, once as a whole. Domes behind media servers of several canvases are calibrated
+Simulated domes are calibrated, one projector is turned by half a degree or loses a tenth of its light, and
+the dome is calibrated again: once by `procam recalibrate`, once as a whole. Domes behind media servers of several canvases are calibrated
 once. All are judged by the frames that each projector is sent and by the picture on the dome. Writes
 studies/recalibration.json and studies/recalibration.md; `python -m studies recalibration` remakes them in
-a quarter of an hour. tests/workflow/test_recalibrate.py and test_server.py have small ones.
+an hour. tests/workflow/test_recalibrate.py and test_server.py have small ones.
 """
 
 import shutil
@@ -31,31 +31,38 @@ from studies.measure import rms, side_by_side, write
 from studies.seen import Seen, front, grey, seen
 
 EVERY = 5  # pixels of a panel, along rows and columns
-SIZE_DEG = 0.5
+CHANGES = {"turned": 0.5, "aged": 0.1}  # by degrees; by a share of its light
 CAMERA = (1200, 1200)
-# venue, its devices, the projector that is nudged
-VENUES = (
-    ("small", SIZES["small"], "south"),
-    ("standard", SceneSize(2, (1280, 800), 1, CAMERA, rays=512), "south"),
-    ("two cameras", SceneSize(2, (1280, 800), 2, CAMERA, rays=512), "north"),
-    ("six projectors", SceneSize(6, (960, 600), 1, CAMERA, rays=512), "south"),
-)
+# venue, its devices, the projectors that are changed in turn
+VENUES = {
+    "small": (SIZES["small"], ("south", "north")),
+    "standard": (SceneSize(2, (1280, 800), 1, CAMERA, rays=512), ("south", "north")),
+    "two cameras": (SceneSize(2, (1280, 800), 2, CAMERA, rays=512), ("south", "north")),
+    "six projectors": (SceneSize(6, (960, 600), 1, CAMERA, rays=512), ("south", "aft")),
+}
 SERVERS = ((180, 0), (220, 0), (180, 90), (220, -50))  # field of view and rotation [deg]
 SERVER_SIZE, MASTER = SceneSize(2, (1280, 800), 1, CAMERA, rays=512), 1024
 
 
 def main() -> None:
     """Nudge projectors, one at a time, calibrate behind servers, and write the results."""
-    rows, served = side_by_side(_nudged_row, VENUES), side_by_side(_served_row, SERVERS)
+    cases = [(venue, name) for venue, (_, names) in VENUES.items() for name in names]
+    rows = [row for some in side_by_side(_changed_rows, cases) for row in some]
+    served = side_by_side(_served_row, SERVERS)
     write("recalibration", {"rows": rows, "servers": served}, _tables(rows, served))
 
 
-def _nudged_row(case: tuple[str, SceneSize, str]) -> dict[str, Any]:
-    venue, size, name = case
+def _changed_rows(case: tuple[str, str]) -> list[dict[str, Any]]:
+    """A projector turned, and the same dimmed."""
+    venue, name = case
+    size, _ = VENUES[venue]
     with tempfile.TemporaryDirectory() as folder:
         calibrated = Path(folder) / "calibrated"
         _calibrate(calibrated, venue_text("standard", size))
-        return {"venue": venue} | _row(calibrated, Path(folder), name)
+        return [
+            {"venue": venue, "change": kind} | _row(calibrated, Path(folder) / kind, name, kind)
+            for kind in CHANGES
+        ]
 
 
 def _calibrate(folder: Path, text: str) -> Path:
@@ -81,12 +88,12 @@ def _watched(steps: Steps[Result], stages: list[str]) -> Steps[Result]:
         yield event
 
 
-def _row(calibrated: Path, folder: Path, name: str) -> dict[str, Any]:
-    """One projector nudged: shots, directions less a common rotation [arcmin], and what is seen."""
+def _row(calibrated: Path, folder: Path, name: str, kind: str) -> dict[str, Any]:
+    """One projector changed: shots, directions less a common rotation [arcmin], and what is seen."""
     part, whole = (Path(shutil.copytree(calibrated, folder / kind)) for kind in ("part", "whole"))
     for venue in (part, whole):
         with (venue / "venue.toml").open("a", encoding="utf-8") as file:
-            drift = f'kind = "turned", projector = "{name}", size = {SIZE_DEG}, angle_deg = 40'
+            drift = f'kind = "{kind}", projector = "{name}", size = {CHANGES[kind]}, angle_deg = 40'
             file.write(f"session = 1\ndrifts = [{{ {drift} }}]\n")
     venue = load_venue(part)
     with rig_owner(venue) as rig:
@@ -100,13 +107,30 @@ def _row(calibrated: Path, folder: Path, name: str) -> dict[str, Any]:
     found = {"before": part / "calibrations" / "0001", "part": part / "calibrations" / "0002"}
     found["whole"] = _calibrate_again(whole)
     scene = build_scene(load_venue(part).backends["simulated"], part)
+    shown = {key: seen(part, path, grey()) for key, path in found.items()}
     return {
         "projector": name,
         "shots": shots,
         "whole_shots": len(Session(part / "sessions" / "0001").read_plan().shots),
         "notes": made.notes,
         **{key: _error(scene, path) for key, path in found.items()},
-        "seen": {key: _figures(seen(part, path, grey()), name) for key, path in found.items()},
+        "seen": {key: _figures(each, name) for key, each in shown.items()},
+        "beside": _beside(shown["part"], shown["whole"]),
+    }
+
+
+def _beside(part: Seen, whole: Seen) -> dict[str, float]:
+    """Frames and picture of a recalibration beside those of a whole one; the picture over white.
+
+    Of all projectors the largest difference of the share that sends light, and of the mean drive.
+    """
+    use = part.judged & whole.judged
+    off = part.total - whole.total
+    return {
+        "share_lit": max(abs(part.share_lit[n] - whole.share_lit[n]) for n in part.share_lit),
+        "mean": max(abs(part.mean[n] / whole.mean[n] - 1) for n in part.mean),
+        "picture": float(rms(off[use])),
+        "seams": float(rms(off[use & part.seam])),
     }
 
 
@@ -146,8 +170,9 @@ def _tables(rows: list[dict[str, Any]], served: list[dict[str, Any]]) -> Iterato
     yield from (
         "# One projector measured again",
         "",
-        f"Turned by {SIZE_DEG:g} degrees. Shots include those that check the camera and the room; errors are "
-        "of directions less a common rotation, root mean square over all projectors.",
+        f"Turned by {CHANGES['turned']:g} degrees, or dimmed by {CHANGES['aged']:.0%}. Shots include those that "
+        "check the camera and the room; errors are of directions less a common rotation, root mean square over "
+        "all projectors.",
         "",
         "| venue | projector | shots, of a whole session's | before [arcmin] | recalibrated | as a whole |",
         "|---|---|---|---|---|---|",
@@ -155,23 +180,33 @@ def _tables(rows: list[dict[str, Any]], served: list[dict[str, Any]]) -> Iterato
     for row in rows:
         share = f"{row['shots']} of {row['whole_shots']}, {row['shots'] / row['whole_shots']:.0%}"
         errors = " | ".join(f"{row[key]:.3g}" for key in ("before", "part", "whole"))
-        yield f"| {row['venue']} | {row['projector']} | {share} | {errors} |"
+        yield f"| {row['venue']} | {_changed(row)} | {share} | {errors} |"
     yield from (
         "",
-        "What is seen of an even grey of 0.4, every projector lit: of the nudged projector the share of its "
-        "panel that sends light and its mean drive; of the picture its level, and its root mean square error "
-        "everywhere and where projectors overlap, over the mean of what was meant.",
+        "The recalibration's frames and picture beside those of the whole one, of an even grey of 0.4 with every "
+        "projector lit: over all projectors the largest difference of the share of a panel that sends light and "
+        "of the mean drive; root mean square difference of what is seen, over white, everywhere and where "
+        "projectors overlap.",
+        "",
+        "| venue | projector | lit | mean drive | picture | seams |",
+        "|---|---|---|---|---|---|",
+    )
+    for row in rows:
+        cells = " | ".join(f"{value:.2%}" for value in row["beside"].values())
+        yield f"| {row['venue']} | {_changed(row)} | {cells} |"
+    yield from (
+        "",
+        "The same, each by itself: of the changed projector the share of its panel that sends light and its mean "
+        "drive; of the picture its level, and its root mean square error everywhere and in seams, over the mean "
+        "of what was meant.",
         "",
         "| venue | projector | calibration | lit | mean drive | level | error | in seams |",
         "|---|---|---|---|---|---|---|---|",
     )
+    names = {"before": "before the repair", "part": "recalibrated", "whole": "whole"}
     for row in rows:
-        for key, text in (
-            ("before", "before the repair"),
-            ("part", "recalibrated"),
-            ("whole", "whole"),
-        ):
-            yield f"| {row['venue']} | {row['projector']} | {text} | {_cells(row['seen'][key])} |"
+        for key, text in names.items():
+            yield f"| {row['venue']} | {_changed(row)} | {text} | {_cells(row['seen'][key])} |"
     yield from (
         "",
         "Behind a media server, content drawn on the canvas that it plays; brighter at the front.",
@@ -181,6 +216,10 @@ def _tables(rows: list[dict[str, Any]], served: list[dict[str, Any]]) -> Iterato
     )
     for row in served:
         yield f"| {row['fov_deg']} degrees, turned by {row['rotation_deg']} | {_cells(row)} |"
+
+
+def _changed(row: dict[str, Any]) -> str:
+    return f"{row['projector']} {'turned' if row['change'] == 'turned' else 'dimmed'}"
 
 
 def _cells(figures: dict[str, float]) -> str:
