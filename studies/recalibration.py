@@ -1,10 +1,11 @@
 """One projector measured again, beside a whole calibration: shots, directions, and what an audience sees.
 
-Simulated domes are calibrated, one projector is turned by half a degree or loses a tenth of its light, and
-the dome is calibrated again: once by `procam recalibrate`, once as a whole. Domes behind media servers of several canvases are calibrated
-once. All are judged by the frames that each projector is sent and by the picture on the dome. Writes
-studies/recalibration.json and studies/recalibration.md; `python -m studies recalibration` remakes them in
-an hour. tests/workflow/test_recalibrate.py and test_server.py have small ones.
+Simulated domes are calibrated, one projector is turned by half a degree or loses a tenth of its light,
+and the dome is calibrated again: once by `procam recalibrate`, once as a whole. Domes behind media servers
+of several canvases are calibrated once. All are judged by the frames that each projector is sent and by the
+picture on the dome. Writes studies/recalibration.json and studies/recalibration.md; `python -m studies
+recalibration` remakes them in an hour. tests/workflow/test_recalibrate.py and test_server.py have small
+ones.
 """
 
 import shutil
@@ -170,9 +171,9 @@ def _tables(rows: list[dict[str, Any]], served: list[dict[str, Any]]) -> Iterato
     yield from (
         "# One projector measured again",
         "",
-        f"Turned by {CHANGES['turned']:g} degrees, or dimmed by {CHANGES['aged']:.0%}. Shots include those that "
-        "check the camera and the room; errors are of directions less a common rotation, root mean square over "
-        "all projectors.",
+        f"Turned by {CHANGES['turned']:g} degrees, or dimmed by {CHANGES['aged']:.0%}. Shots include those "
+        "that check the camera and the room; errors are of directions less a common rotation, root mean "
+        "square over all projectors.",
         "",
         "| venue | projector | shots, of a whole session's | before [arcmin] | recalibrated | as a whole |",
         "|---|---|---|---|---|---|",
@@ -183,10 +184,10 @@ def _tables(rows: list[dict[str, Any]], served: list[dict[str, Any]]) -> Iterato
         yield f"| {row['venue']} | {_changed(row)} | {share} | {errors} |"
     yield from (
         "",
-        "The recalibration's frames and picture beside those of the whole one, of an even grey of 0.4 with every "
-        "projector lit: over all projectors the largest difference of the share of a panel that sends light and "
-        "of the mean drive; root mean square difference of what is seen, over white, everywhere and where "
-        "projectors overlap.",
+        "The recalibration's frames and picture beside those of the whole one, of an even grey of 0.4 with "
+        "every projector lit: over all projectors the largest difference of the share of a panel that sends "
+        "light and of the mean drive; root mean square difference of what is seen, over white, everywhere "
+        "and where projectors overlap.",
         "",
         "| venue | projector | lit | mean drive | picture | seams |",
         "|---|---|---|---|---|---|",
@@ -196,9 +197,9 @@ def _tables(rows: list[dict[str, Any]], served: list[dict[str, Any]]) -> Iterato
         yield f"| {row['venue']} | {_changed(row)} | {cells} |"
     yield from (
         "",
-        "The same, each by itself: of the changed projector the share of its panel that sends light and its mean "
-        "drive; of the picture its level, and its root mean square error everywhere and in seams, over the mean "
-        "of what was meant.",
+        "The same, each by itself: of the changed projector the share of its panel that sends light and its "
+        "mean drive; of the picture its level, and its root mean square error everywhere and in seams, over "
+        "the mean of what was meant.",
         "",
         "| venue | projector | calibration | lit | mean drive | level | error | in seams |",
         "|---|---|---|---|---|---|---|---|",
