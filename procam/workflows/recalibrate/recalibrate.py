@@ -21,7 +21,7 @@ from procam.workflows.events import Event, Steps
 from procam.workflows.photographs.driven import DrivenPhotographer
 from procam.workflows.photographs.open import is_by_hand, refuse_mixed
 from procam.workflows.recalibrate.one_projector import solve_again
-from procam.workflows.recalibrate.worse import new_notes, worse_notes
+from procam.workflows.recalibrate.worse import new_notes, white_notes, worse_notes
 from procam.workflows.solve.plausible import check_calibration
 from procam.workflows.verify.verify import SETTLE_S, Verified, verify
 
@@ -113,9 +113,10 @@ def _solved(
     directory = next_directory(venue.directory)
     save_calibration(calibration, directory)
     use_calibration(venue.directory, used if worse else directory)
-    refined = [REFINED] if "loop_iterations" in old.quality else []
+    kept = [REFINED] if "loop_iterations" in old.quality else []
+    kept += white_notes(old, calibration)
     yield Event("solve", total, total, f"{directory} written")
-    said = [*notes, *worse, *([STAYS] if worse else refined)]
+    said = [*notes, *worse, *([STAYS] if worse else kept)]
     return Recalibrated(directory, session.directory, list(names), said)
 
 

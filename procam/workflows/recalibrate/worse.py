@@ -6,6 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from procam.arrays import Array
+from procam.estimate.calibration import COVERED
+from procam.estimate.light.blend import common_white
 from procam.model.calibration import Calibration
 from procam.model.photometry import CERTAIN
 from procam.model.transport import Measured
@@ -17,6 +20,8 @@ MOST_LOST = 0.1  # of the lit share of a panel: a projector that is nudged by de
 _NUMBER = re.compile(
     r"(?<![\w.-])(?<!projector )(?<!camera )([+-]?\d+(?:\.\d+)?(?:e[+-]?\d+)?)(%| times)?"
 )
+WHITE_LOST = 0.02  # of the common white; a common white is known to a percent
+DARK = 1e-3  # falloff beyond the lit part, where it may be 0
 LEAST_ROOM = 1e-4  # of white: a twentieth of black
 MUCH_MORE = 2.0  # times the number of before, and by unit how much beyond that
 LEAST_MORE = {"%": 1.0, " times": 0.1, "": 0.1}
@@ -80,3 +85,23 @@ def worse_notes(old: Calibration, repaired: Repaired, name: str, ambient: Measur
             "something stand before it or before the camera, or does its picture miss the screen?"
         )
     return notes
+
+
+def white_notes(old: Calibration, new: Calibration) -> list[str]:
+    """A note if repaired projectors cannot show the white that all the others keep."""
+    before, after = (_reachable_white(each) for each in (old, new))
+    lost = 1 - float((after / before).min())
+    if lost < WHITE_LOST:
+        return []
+    return [
+        f"the dimmest place reaches {1 - lost:.0%} of the white of the calibration before, which all "
+        "projectors keep: a small white object is dimmer there. A whole calibration (procam calibrate) takes a "
+        "white that every place reaches"
+    ]
+
+
+def _reachable_white(calibration: Calibration) -> Array:
+    """White (3,) that every lit direction can show [rel]."""
+    maps = calibration.maps
+    full = maps.hi if maps.falloff is None else maps.hi / np.maximum(maps.falloff, DARK)[..., None]
+    return common_white(full, maps.coverage > COVERED)
