@@ -95,8 +95,8 @@ def white_notes(old: Calibration, new: Calibration) -> list[str]:
         return []
     return [
         f"the dimmest place reaches {1 - lost:.0%} of the white of the calibration before, which all "
-        "projectors keep: a small white object is dimmer there. A whole calibration (procam calibrate) takes a "
-        "white that every place reaches"
+        "projectors keep: a small white object is dimmer there. A whole calibration (procam calibrate) "
+        "takes a white that every place reaches"
     ]
 
 
