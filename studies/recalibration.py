@@ -33,16 +33,20 @@ from studies.seen import Seen, front, grey, seen
 
 EVERY = 5  # pixels of a panel, along rows and columns
 CHANGES = {"turned": 0.5, "aged": 0.1}  # by degrees; by a share of its light
-CAMERA = (1200, 1200)
+CAMERA = (800, 800)
+PAIR = ("south", "north")
 # venue, its devices, the projectors that are changed in turn
 VENUES = {
-    "small": (SIZES["small"], ("south", "north")),
-    "standard": (SceneSize(2, (1280, 800), 1, CAMERA, rays=512), ("south", "north")),
-    "two cameras": (SceneSize(2, (1280, 800), 2, CAMERA, rays=512), ("south", "north")),
-    "six projectors": (SceneSize(6, (960, 600), 1, CAMERA, rays=512), ("south", "aft")),
+    "small": (SIZES["small"], PAIR),
+    "standard": (SceneSize(2, (640, 400), 1, CAMERA, rays=512), PAIR),
+    "two cameras": (SceneSize(2, (640, 400), 2, CAMERA, rays=512), PAIR),
+    "six projectors": (
+        SceneSize(6, (480, 300), 1, CAMERA, rays=512),
+        (*PAIR, "east", "west", "aft", "fore"),
+    ),
 }
 SERVERS = ((180, 0), (220, 0), (180, 90), (220, -50))  # field of view and rotation [deg]
-SERVER_SIZE, MASTER = SceneSize(2, (1280, 800), 1, CAMERA, rays=512), 1024
+SERVER_SIZE, MASTER = SceneSize(2, (640, 400), 1, CAMERA, rays=512), 1024
 
 
 def main() -> None:
