@@ -104,7 +104,7 @@ def play(folder: Path) -> tuple[People, dict[str, object]]:
     lines = simulated.partition("[simulated]")[0].splitlines()
     own = "\n".join(line for line in lines if not line.startswith(NOT_OURS)) + "\n"
     (folder / "my-dome" / "venue.toml").write_text(own)
-    people.run("session", "plan", "my-dome", "--out", "pictures")
+    people.run("session", "plan", "my-dome", "pictures")
     roll = people.photograph("pictures")
     _test_photographs(folder / "pictures", folder / roll, folder / "test")
     people.say(

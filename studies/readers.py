@@ -41,7 +41,7 @@ from procam.files.output_log import OutputLog
 from procam.files.seats import other_seats
 from procam.files.session import Session
 from procam.files.system import try_lock
-from procam.files.venue.edit import Key, edited_text
+from procam.files.venue.edit import Key, edited
 from procam.files.venue.load import load_venue
 from procam.files.venue.masks import read_mask
 from procam.files.versions import calibrated_session, calibration_in_use, solved_sessions
@@ -92,7 +92,7 @@ def _settings(path: Path) -> object:
 def _edited(path: Path) -> object:
     """As the commands of `procam lens` write into it."""
     camera = next(iter(load_venue(path.parent).cameras), "")
-    return edited_text(path.parent, camera, [Key("glare", 0.003, "0.0001"), Key("k", [0.0] * 4)])
+    return edited(path.parent, camera, [Key("glare", 0.003, "0.0001"), Key("k", [0.0] * 4)])
 
 
 def _rounds(path: Path) -> object:

@@ -84,6 +84,15 @@ def write_text(path: Path, text: str) -> None:
         temporary.write_text(text, encoding="utf-8")
 
 
+def rewrite(path: Path, content: bytes) -> None:
+    """Replace the content of a file that is there durably; its permissions stay, and a link to it too."""
+    path = path.resolve()
+    with replacing(path) as temporary:
+        temporary.touch(mode=0o600)
+        temporary.write_bytes(content)
+        shutil.copymode(path, temporary)
+
+
 def append_line(path: Path, line: str) -> None:
     """Append one line and flush it to disk, after removing an incomplete last line; a link is refused."""
     with open(path, "ab+", opener=open_here) as file:

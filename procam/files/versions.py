@@ -91,11 +91,11 @@ def session_of(directory: Path, venue_dir: Path) -> str:
 
 def use_calibration(venue_dir: Path, directory: Path) -> None:
     """Choose the calibration of a venue that counts; the newest does where none is chosen."""
-    chosen = venue_dir / "calibrations" / IN_USE
-    if directory.name == list_calibrations(venue_dir)[-1].name:
+    chosen, name = venue_dir / "calibrations" / IN_USE, directory.resolve().name
+    if name == list_calibrations(venue_dir)[-1].name:
         chosen.unlink(missing_ok=True)
     else:
-        write_text(chosen, directory.name + "\n")
+        write_text(chosen, name + "\n")
 
 
 def solved_sessions(venue_dir: Path) -> set[str]:
@@ -125,10 +125,20 @@ def chosen_calibration(path: Path) -> Path:
 
 
 def venue_of_calibration(path: Path) -> Path:
-    """The venue of a calibration directory or of VENUE@N; a venue's folder stays as it is."""
+    """The venue of a calibration directory or of VENUE@N; a venue's folder stays as it is.
+
+    Raises
+    ------
+    InputError
+        The calibration is in no venue.
+    """
     path = _parted(path)[0]
     if not (path / "calibration.json").is_file():
         return path
+    if path.resolve().parent.name != "calibrations":
+        raise InputError(
+            f"{path}: this calibration is in no venue; give one such as VENUE/calibrations/0001, or VENUE@1"
+        )
     return path.parent.parent if path.parent.name == "calibrations" else path.resolve().parents[1]
 
 
@@ -145,7 +155,10 @@ def _parted(path: Path) -> tuple[Path, int | None]:
 
 def _numbered(venue: Path, number: int) -> Path:
     there = {int(path.name): path for path in list_calibrations(venue)}
+    if not venue.is_dir():
+        raise InputError(f"{venue}: there is no such folder; is its name right?")
     if number not in there:
-        names = ", ".join(map(str, there)) or "none"
-        raise InputError(f"{venue} has no calibration {number}, only {names}; choose one of them")
+        names = ", ".join(map(str, there))
+        which = f", only {names}; choose one of them" if there else ", and no other either"
+        raise InputError(f"{venue} has no calibration {number}{which}")
     return there[number]

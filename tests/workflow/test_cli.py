@@ -131,7 +131,8 @@ class TestInit:
         path.write_text(path.read_text().replace("[1920, 1200]", "[160, 100]"))
         ran = procam("session", "plan", tmp_path, tmp_path / "out")
         assert (ran.code, ran.err) == (0, "")
-        assert "--camera zenith or side" in ran.out
+        assert ran.out.count("then run: procam session add ") == 2
+        assert "--camera zenith --photos" in ran.out and "--camera side --photos" in ran.out
         assert {p.stem for p in (tmp_path / "out").glob("*.m3u")} == {
             *("north", "south", "east", "north-end")
         }

@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import av
@@ -144,6 +145,26 @@ def test_ranges_that_are_none(text: str, words: str, kept: Path, tmp_path: Path)
     ran = procam("compensate", kept, source, tmp_path / "out", "--frames", text)
     assert ran.code == 2 and words in ran.complaint
     assert not (tmp_path / "out").exists()
+
+
+def test_a_range_that_goes_on_beyond_the_clip_is_said(kept: Path, tmp_path: Path) -> None:
+    source = shoot(tmp_path / "in", "png", np.uint8)
+    for run in (partial(procam, "compensate"), warped):
+        ran = run(kept, source, tmp_path / run.__class__.__name__, "--frames", "58-70")
+        assert ran.code == 0 and ran.err == "note: --frames 58-70: IN has frames 1 to 60 only\n"
+    with av.open(str(tmp_path / "m.mkv"), "w") as movie:
+        stream = movie.add_stream("ffv1", rate=25)
+        stream.width = stream.height = SIZE
+        stream.pix_fmt = "bgr0"
+        for number in range(4):
+            codes = np.rint(255 * frame(number)).astype(np.uint8)
+            movie.mux(stream.encode(av.VideoFrame.from_ndarray(codes).reformat(format="bgr0")))
+        movie.mux(stream.encode())
+    ran = procam(
+        *("compensate", kept, tmp_path / "m.mkv", tmp_path / "o.mkv"),
+        *("--transfer", "srgb", "--frames", "2-9"),
+    )
+    assert ran.code == 0 and "note: --frames 2-9: IN has frames 0 to 3 only" in ran.err
 
 
 def test_one_picture_has_no_range(kept: Path, tmp_path: Path) -> None:

@@ -155,7 +155,7 @@ class TestPrune:
         ran = procam("venue", "use", f"{venue}@1")
         assert ran.code == 0 and "verify, recalibrate and solve cannot use it" in ran.err
         (note,) = json.loads(procam("venue", "use", f"{venue}@1", "--json").out)["notes"]
-        assert "session 0001 were deleted" in note
+        assert "session 0001 are gone" in note
 
     def test_needs_a_policy(self, venue: Path) -> None:
         ran = procam("venue", "prune", venue)
@@ -172,7 +172,7 @@ class TestPrune:
         (("compare", "VENUE@1", "VENUE@7"), "has no calibration 7, only 1, 2; choose one of them"),
         (("use", "VENUE@0"), "has no calibration 0, only 1, 2; choose one of them"),
         (("use", "VENUE@new"), "what follows @ is the number of a calibration, such as"),
-        (("use", "VENUE"), "which of its calibrations? Say it as"),
+        (("use", "VENUE"), "which of its calibrations? Choose from "),
         (("status", "VENUE@1"), "this command takes no calibration, but a venue"),
         (("show", "VENUE", "--figure", "feedback.G"), "--figure: it is for --plot FILE.png"),
         (("show", "VENUE", "--plot", "x.jpg"), "its name must end in .png; choose another --plot"),
@@ -207,6 +207,36 @@ def test_every_command_takes_a_numbered_calibration(venue: Path, tmp_path: Path)
         assert "has no calibration 99, only 1, 2; choose one" in procam(*words).complaint, words
     for number in (1, 2):
         assert procam("compensate", f"{venue}@{number}", sky, tmp_path / f"{number}.png").code == 0
+
+
+def test_a_calibration_is_put_in_use_from_within_its_folder(
+    venue: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(venue / "calibrations" / "0001")
+    assert procam("venue", "use", ".").code == 0
+    assert "0001 is in use" in procam("venue", "status", venue).out
+
+
+def test_a_calibration_that_is_in_no_venue(venue: Path, tmp_path: Path) -> None:
+    stray = shutil.copytree(venue / "calibrations" / "0001", tmp_path / "away" / "x" / "0001")
+    before = sorted(tmp_path.rglob("*"))
+    for words in (
+        ("venue", "use", stray),
+        ("meter", stray, venue / "venue.toml"),
+        ("refine", stray),
+    ):
+        assert "this calibration is in no venue; give one such as" in procam(*words).complaint
+    assert sorted(tmp_path.rglob("*")) == before
+    assert procam("venue", "show", stray).code == 0
+
+
+def test_a_session_that_is_gone_is_said(venue: Path, tmp_path: Path) -> None:
+    (venue / "sessions" / "0001").rename(venue / "sessions" / "0002")
+    ran = procam("venue", "pack", venue, tmp_path / "a.zip")
+    assert ran.code == 2 and "session 0001 of that calibration is gone; restore it" in ran.complaint
+    assert (
+        "the photographs of its session 0001 are gone" in procam("venue", "use", f"{venue}@1").err
+    )
 
 
 def test_what_cannot_be_plotted(venue: Path, tmp_path: Path) -> None:

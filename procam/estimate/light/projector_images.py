@@ -14,7 +14,7 @@ class Picture:
     ----------
     id, purpose : of its shot.
     drive : reads what was shown, (h, w, C) of the panel.
-    light : reads the radiance (H, W) or (H, W, 3) of the photograph.
+    light : reads the radiance (H, W) or (H, W, 3) of the photograph, anew at each call: it may be changed.
     """
 
     id: str

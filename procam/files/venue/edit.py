@@ -1,6 +1,7 @@
 """Keys of a camera put into venue.toml as its owner would: order and comments stay as they are."""
 
 import tomllib
+from codecs import BOM_UTF8
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,10 +12,13 @@ from tomlkit.exceptions import TOMLKitError
 from tomlkit.items import AbstractTable, Whitespace
 
 from procam.errors import InputError
-from procam.files.atomic import write_text
+from procam.files.atomic import rewrite
 from procam.files.venue.load import checked_venue, load_venue
 
-OURS = "# +-"  # begins comments that are replaced with their value; others are the owner's
+OURS, REST = (
+    "# +-",
+    " -- ",
+)  # begins what is replaced with the value; what follows is the owner's comment
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,10 +34,14 @@ class Key:
         value = self.value if isinstance(self.value, (str, float, int)) else list(self.value)
         item = tomlkit.item(value)
         comment = earlier.trivia.comment if earlier is not None else ""
-        if comment and not comment.startswith(OURS):
-            item.trivia.comment_ws, item.trivia.comment = earlier.trivia.comment_ws, comment
-        elif self.sigma:
-            item.trivia.comment_ws, item.trivia.comment = "  ", f"{OURS} {self.sigma}"
+        owners = (
+            comment.partition(REST)[2] if comment.startswith(OURS) else comment.removeprefix("# ")
+        )
+        ours = f"{OURS} {self.sigma}" if self.sigma else ""
+        both = REST.join(filter(None, [ours, owners]))
+        if both:
+            spaces = earlier.trivia.comment_ws if comment else "  "
+            item.trivia.comment_ws, item.trivia.comment = spaces, both if ours else f"# {both}"
         return item
 
     @property
@@ -51,15 +59,17 @@ def set_camera_keys(venue_dir: Path, camera: str, keys: Sequence[Key]) -> None:
     InputError
         There is no such camera, or the file would have a mistake with the keys; it stays as it was.
     """
-    write_text(venue_dir / "venue.toml", edited_text(venue_dir, camera, keys))
+    rewrite(venue_dir / "venue.toml", edited(venue_dir, camera, keys))
 
 
-def edited_text(venue_dir: Path, camera: str, keys: Sequence[Key]) -> str:
-    """The text of venue.toml with keys of [cameras.CAMERA]; what is wrong is refused as for writing it."""
+def edited(venue_dir: Path, camera: str, keys: Sequence[Key]) -> bytes:
+    """venue.toml with keys of [cameras.CAMERA]; what is wrong is refused as for writing it."""
     require_camera(venue_dir, camera)
     path = venue_dir / "venue.toml"
+    content = path.read_bytes()
+    mark = BOM_UTF8 if content.startswith(BOM_UTF8) else b""
     try:
-        document: Any = tomlkit.parse(path.read_text("utf-8-sig"))
+        document: Any = tomlkit.parse(content.removeprefix(mark).decode())
     except TOMLKitError as error:  # what tomllib reads it should, but it is another program
         raise InputError(
             f"{path} cannot be edited ({error}); write the lines into it yourself"
@@ -72,7 +82,7 @@ def edited_text(venue_dir: Path, camera: str, keys: Sequence[Key]) -> str:
     body += below
     text = tomlkit.dumps(document)
     checked_venue(venue_dir, tomllib.loads(text))
-    return text
+    return mark + text.encode()
 
 
 def _cut_below(body: list[Any]) -> list[Any]:

@@ -1,5 +1,6 @@
 """venue.toml, the description of a rig by its owner. Every mistake is one line with its dotted path."""
 
+import re
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -156,6 +157,10 @@ def create_venue(directory: str | Path, template: str) -> Path:
     procam.errors.InputError: ...
     """
     path, text = Path(directory) / "venue.toml", template_text(template)
+    if re.search(r"@\d+$", path.parent.name):
+        raise InputError(
+            f"{directory}: a name that ends in @ and a number stands for a calibration; choose another name"
+        )
     if path.exists():
         raise InputError(f"{path} exists already and is left as it is; choose another folder")
     write_text(path, text)

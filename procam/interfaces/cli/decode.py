@@ -167,7 +167,7 @@ def _check_outputs(folder: Path, out: Path, *others: Path) -> None:
     for path in others:
         if path.exists() and not out.exists():
             raise InputError(
-                f"{path} exists already, without a map of the same name; choose another name for --out"
+                f"{path} exists already, without a map of the same name; choose another name for OUT"
             )
 
 

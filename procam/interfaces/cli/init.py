@@ -1,6 +1,7 @@
 """`procam init`: a venue folder to start from."""
 
 from pathlib import Path
+from shlex import quote
 from typing import Annotated
 
 import typer
@@ -36,7 +37,11 @@ def init(
         )
     path = create_venue(venue, template) / "venue.toml"
     by_hand = any(c.backend == BY_HAND for c in load_venue(venue).table.cameras.values())
-    first = f"plan {venue} PICTURES" if by_hand else f"capture {venue} --dry-run"
+    first = (
+        f"plan {quote(str(venue))} PICTURES"
+        if by_hand
+        else f"capture {quote(str(venue))} --dry-run"
+    )
     output = Output(json)
     output.say(f"{path} written; edit it, then run: procam session {first}")
     output.finish({"venue": str(path)})

@@ -74,7 +74,7 @@ def meter(
         output.say(f"note: {note}")
     document = _document(found, figures)
     if any(figure.passed is False for figure in figures.values()):
-        output.say(f"nothing written, {kept} stays in use: meter and calibration disagree")
+        output.say(f"nothing written: meter and {kept} disagree")
     else:
         provenance = {**known.provenance, "meter": _provenance(found, readings)}
         made = replace(known, absolute=found.colour, provenance=provenance)

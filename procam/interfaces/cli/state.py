@@ -44,7 +44,7 @@ def state(
     """Measure the venue with its present audience and its own lamps; a new calibration.
 
     Leave exit signs and aisle lights as in a show. Photographs the room dark, then black and parts
-    of each projector's picture, and adds the state to the newest calibration. The camera must stand where it
+    of each projector's picture, and adds the state to the calibration. The camera must stand where it
     stood for that calibration. By hand, one run writes the pictures, and the next takes the
     photographs with --photos.
     """

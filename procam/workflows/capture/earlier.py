@@ -59,5 +59,5 @@ def notes_of_earlier(session: Session, camera: str) -> list[str]:
     shot, name = again[0]
     return [
         f"{len(again)} photographs, that of shot {shot} among them, are those of session {name}; if the "
-        "venue was photographed anew, ingest the new ones with --replace"
+        "venue was photographed anew, add the new ones with --replace"
     ]

@@ -90,7 +90,7 @@ def ingest(
         surveyed = []
         for path in paths:
             surveyed.append(_survey(path, model, response, claims.get(path.name)))
-            yield Event("ingest", len(surveyed), len(paths), f"{path.name} looked at")
+            yield Event("add", len(surveyed), len(paths), f"{path.name} looked at")
         surveyed = in_time(surveyed)
         stored, observations = set(session.stored(camera)), [s.observation for s in surveyed]
         kept = set() if replace_stored else stored
@@ -110,7 +110,7 @@ def ingest(
         match.notes += [*notes, *_keep_response(venue, session, camera, response)]
         yield from _store(session, exposed, model, response, surveyed, chosen)
         match.notes += notes_of_earlier(session, camera)
-        yield Event("ingest", len(chosen), len(chosen), "stored")
+        yield Event("add", len(chosen), len(chosen), "stored")
         missing = list(dict.fromkeys(shot for shot, _ in match.missing))
         return Ingested(len(chosen), missing, match.notes)
 
@@ -288,7 +288,7 @@ def _store(
         shot, source = shots[shot_id], read_photo(surveyed[photo].path)
         frame = photo_frame(source, photo_counts(source, response, model.sensor), shot, exposure_s)
         session.store(model.name, shot, exposure_s, frame, decoded)
-        yield Event("ingest", done, len(chosen), f"{source.path.name} stored as {shot_id}")
+        yield Event("add", done, len(chosen), f"{source.path.name} stored as {shot_id}")
 
 
 def photo_frame(photo: Photo, counts: NDArray[np.uint16], shot: Shot, exposure_s: float) -> Frame:

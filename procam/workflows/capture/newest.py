@@ -97,7 +97,12 @@ def solved_session(path: Path) -> Path:
     used = ""
     if path != venue or list_calibrations(venue):
         used = session_of(chosen_calibration(path), venue)
-    found = [folder for folder in known if folder.name == used] or known
+    found = [folder for folder in known if folder.name == used or not used]
+    if used and not found:
+        raise InputError(
+            f"{venue}: session {used} of that calibration is gone; restore it from a backup, or give "
+            "another one, such as VENUE/sessions/0001"
+        )
     if len(found) != 1:
         raise InputError(f"{venue}: {_which(known)}; give a folder such as VENUE/sessions/0001")
     return found[0]

@@ -87,6 +87,12 @@ class Part:
     def __contains__(self, number: int) -> bool:
         return self.frames is None or number in self.frames
 
+    def beyond(self, first: int, last: int) -> list[str]:
+        """A note if frames are wanted that a clip of frames `first` to `last` does not have."""
+        if self.frames is None or first <= self.frames.first <= self.frames.last <= last:
+            return []
+        return [f"--frames {self.frames}: IN has frames {first} to {last} only"]
+
 
 class ChunkedCompensator:
     """Solves frames in their order, each chunk from itself; `make` gives a new compensator."""

@@ -156,7 +156,7 @@ def compensate_clip(
             yield Event("frames", done, max(clip.total, done), name)
     if not (done or clip.finished):
         raise FileFormatError("IN: no frame in it; is it the right clip?")
-    return CompensatedClip(rows, notes)
+    return CompensatedClip(rows, [*notes, *clip.beyond])
 
 
 def each_frame(clip: Clip, work: Callable[[ClipFrame], Callable[[], Made]]) -> Iterator[Made]:

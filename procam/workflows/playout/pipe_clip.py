@@ -2,7 +2,7 @@
 
 import time
 from array import array
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import chain, repeat
 from types import MappingProxyType
@@ -33,6 +33,7 @@ class PipeClip:
     total = 0
     suffix = ""
     finished: Mapping[int, Row] = MappingProxyType({})
+    beyond: Sequence[str] = ()
 
     def __init__(self, pipes: tuple[BinaryIO, BinaryIO], size: int, dtype: np.dtype[Any]) -> None:
         self._source, self._out = pipes

@@ -6,7 +6,7 @@ longer than 300 lines because the kinds follow one protocol and read best side b
 
 import time
 import zlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -82,12 +82,14 @@ class Clip(Protocol):
     """A source of frames and the destination of the compensated ones.
 
     `total` is how many frames will come (0: unknown), `suffix` the kind of the output's pictures, `finished`
-    the report's rows of frames that need not come any more.
+    the report's rows of frames that need not come any more. `beyond` is a note, at the end, if frames were
+    wanted that it does not have.
     """
 
     total: int
     suffix: str
     finished: Mapping[int, Row]
+    beyond: Sequence[str]
 
     def __enter__(self) -> Self:
         """Open it."""
@@ -110,6 +112,7 @@ class StillClip:
 
     total = 1
     finished: Mapping[int, Row] = MappingProxyType({})
+    beyond: Sequence[str] = ()
 
     def __init__(self, source: Path, out: Path) -> None:
         require_suffix(out)
@@ -152,6 +155,7 @@ class SequenceClip:
             raise InputError(
                 f"--frames {part.frames}: IN has frames {sequence.numbers[0]} to {sequence.numbers[-1]}"
             )
+        self.beyond: Sequence[str] = part.beyond(sequence.numbers[0], sequence.numbers[-1])
         sources = {number: sequence.names.path(number) for number in numbers}
         self.read = list(sources.values())
         self.written = [*map(names.path, sources), log.path]
@@ -213,7 +217,9 @@ class MovieClip:
 
     def __init__(self, source: Path, out: Path, log: OutputLog, part: Part) -> None:
         require_written(out)
-        self._range = frames = part.frames
+        self._range, self._part = part.frames, part
+        self.beyond: Sequence[str] = ()
+        frames = part.frames
         if frames and out.exists() and not log.kept(out, file_state(source)):
             raise InputError(
                 f"OUT: {out} exists, and each part of a movie needs a file of its own; give another name"
@@ -275,10 +281,11 @@ class MovieClip:
             if self._range is None:
                 return movie_clip_frame(self.reader, frame, number)
             if number > self._range.last:
-                break
+                return None
             if number >= self._first:
                 found = movie_clip_frame(self.reader, frame, number)
                 return replace(found, wanted=number in self._range)
+        self.beyond = self._part.beyond(0, self._count - 1)
         if self._range is not None and self._count <= self._range.first:
             raise InputError(f"--frames {self._range}: IN has frames 0 to {self._count - 1}")
         return None

@@ -111,7 +111,7 @@ def warp_file(
         yield Event("frames", 0, clip.total, "")
         for done, name in enumerate(filter(None, each_frame(clip, work)), 1):
             yield Event("frames", done, max(clip.total, done), name)
-    return ProjectorFrames(clip.paths, notes)
+    return ProjectorFrames(clip.paths, [*notes, *clip.beyond])
 
 
 class _Maker:

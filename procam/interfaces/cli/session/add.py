@@ -2,6 +2,7 @@
 
 from dataclasses import asdict
 from pathlib import Path
+from shlex import quote
 from typing import Annotated
 
 import typer
@@ -61,5 +62,5 @@ def add(
             "it adds only what is missing"
         )
     else:
-        output.say(f"nothing is missing; now run: procam session solve {session}")
+        output.say(f"nothing is missing; now run: procam session solve {quote(str(session))}")
     output.finish(asdict(result))

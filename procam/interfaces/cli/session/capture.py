@@ -1,5 +1,6 @@
 """`procam session capture`: one capture session of a venue."""
 
+from shlex import quote
 from typing import Annotated
 
 import typer
@@ -31,5 +32,5 @@ def capture(
         return
     output = Output(json, RunLog(venue, "capture"))
     session = output.follow(capture_newest(loaded)).directory
-    output.say(f"captured; now run: procam session solve {session}")
+    output.say(f"captured; now run: procam session solve {quote(str(session))}")
     output.finish({"session": str(session)})

@@ -1,6 +1,7 @@
 """`procam session plan`: the pictures of a capture session, to show and photograph by hand."""
 
 from pathlib import Path
+from shlex import join
 from typing import Annotated
 
 import typer
@@ -44,8 +45,7 @@ def plan(
         f"first close all shutters and photograph the dark; then {then}; do not change focus, zoom, "
         "aperture or ISO"
     )
-    cameras = " or ".join(venue.cameras)
-    output.say(
-        f"then run: procam session add {session.directory} --camera {cameras} --photos PHOTOS"
-    )
+    for camera in venue.cameras:
+        add = ["procam", "session", "add", str(session.directory), "--camera", camera]
+        output.say(f"then run: {join(add)} --photos PHOTOS")
     output.finish({"session": str(session.directory), "out": str(out), "shots": len(shots)})

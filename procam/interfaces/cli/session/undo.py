@@ -1,5 +1,7 @@
 """`procam session undo`: photographs of a session set aside, to add others."""
 
+from shlex import quote
+
 from procam.files.session import Session
 from procam.files.venue.load import load_venue
 from procam.interfaces.cli._options import CameraOption, Json, SessionArgument
@@ -18,7 +20,7 @@ def undo(session: SessionArgument, camera: CameraOption, json: Json = False) -> 
     stored.read_plan()  # refuses what is no session before a lock file is made in it
     aside = ingest.undo(venue, stored, camera)
     output.say(
-        f"photographs by camera {camera} are in {aside} now; add others: procam session add {session} "
-        f"--camera {camera} --photos FOLDER"
+        f"photographs by camera {camera} are in {aside} now; add others: procam session add "
+        f"{quote(str(session))} --camera {camera} --photos FOLDER"
     )
     output.finish({"set_aside": str(aside)})

@@ -12,7 +12,6 @@ from procam.estimate.comparison.compare import Angles, Comparison, Difference
 from procam.estimate.comparison.verdict import PictureStep
 from procam.files.calibration import load_calibration
 from procam.files.history.differences import FigureDifference, figure_differences, stated_figures
-from procam.files.versions import list_calibrations, venue_of_calibration
 from procam.interfaces.cli._options import CalibrationArgument, Json
 from procam.interfaces.cli._output import Output
 from procam.model.calibration import Calibration
@@ -61,12 +60,13 @@ def _check(first: Path, a: Calibration, second: Path, b: Calibration) -> None:
 
 def _figures(first: Path, second: Path) -> list[FigureDifference]:
     """Differences of the figures that the history of one venue has of both."""
-    venue = venue_of_calibration(first)
-    if not {first, second} <= set(list_calibrations(venue)):
+    folder, (a, b) = first.resolve().parent, (first.resolve().name, second.resolve().name)
+    if folder.name != "calibrations" or second.resolve().parent != folder:
         return []
-    if not all(stated_figures(venue, path.name) for path in (first, second)):
+    venue = folder.parent
+    if not all(stated_figures(venue, name) for name in (a, b)):
         return []
-    return figure_differences(venue, first.name, second.name)
+    return figure_differences(venue, a, b)
 
 
 def _figure_lines(rows: list[FigureDifference]) -> Iterator[str]:

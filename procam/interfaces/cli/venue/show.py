@@ -40,7 +40,7 @@ def show(
     for option, path, suffix in (("--plot", plot, ".png"), ("--csv", csv, ".csv")):
         if path:
             check_out(path, suffix, option=option)
-    output, venue, chosen = Output(json), venue_of_calibration(start), chosen_calibration(start)
+    output, chosen = Output(json), chosen_calibration(start)
     calibration = load_dome(chosen)
     output.say(str(chosen))
     output.table(calibration.quality)
@@ -54,18 +54,18 @@ def show(
         "notes": notes,
     }
     if plot:
-        document |= {"plot": str(plot), "plotted": _plot(venue, plot, figure or [], output)}
+        document |= {"plot": str(plot), "plotted": _plot(start, plot, figure or [], output)}
     if csv:
-        text = figures_csv(venue)
+        text = figures_csv(venue_of_calibration(start))
         write_text(csv, text)
         output.say(f"{csv} written, {text.count(chr(10)) - 1} figures")
         document |= {"csv": str(csv)}
     output.finish(document)
 
 
-def _plot(venue: Path, out: Path, names: list[str], output: Output) -> list[str]:
+def _plot(start: Path, out: Path, names: list[str], output: Output) -> list[str]:
     from procam.interfaces.plots.trends import plot_trends
 
-    drawn = plot_trends(list_figures(venue), names, out)
+    drawn = plot_trends(list_figures(venue_of_calibration(start)), names, out)
     output.say(f"{out} written: {', '.join(drawn)}")
     return drawn

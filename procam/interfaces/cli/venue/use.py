@@ -12,6 +12,7 @@ from procam.files.session import Session
 from procam.files.versions import (
     calibrated_session,
     chosen_calibration,
+    list_calibrations,
     use_calibration,
     venue_of_calibration,
 )
@@ -32,7 +33,8 @@ def use(
     """
     venue, chosen = venue_of_calibration(start), chosen_calibration(start)
     if venue == start:
-        raise InputError(f"{start}: which of its calibrations? Say it as {start}@3")
+        there = ", ".join(f"{venue}@{int(path.name)}" for path in list_calibrations(venue))
+        raise InputError(f"{start}: which of its calibrations? Choose from {there or 'none'}")
     output = Output(json)
     verify_unchanged(venue, chosen)
     with recorded(venue, "venue use") as run:
@@ -40,13 +42,14 @@ def use(
         run.message = f"back to {chosen.name}"
     output.say(f"{chosen} is in use")
     session = Session(venue / "sessions" / calibrated_session(venue))
-    notes = [_no_photographs(session)] if session.is_pruned else []
+    gone = session.is_pruned or not (session.directory / "captures").is_dir()
+    notes = [_no_photographs(session)] if gone else []
     output.warn(notes)
     output.finish({"calibration": str(chosen), "notes": notes})
 
 
 def _no_photographs(session: Session) -> str:
     return (
-        f"the photographs of its session {session.directory.name} were deleted: verify, recalibrate and "
+        f"the photographs of its session {session.directory.name} are gone: verify, recalibrate and "
         "solve cannot use it. Restore them from a backup, or calibrate again"
     )
