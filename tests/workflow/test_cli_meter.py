@@ -144,7 +144,7 @@ def test_a_failed_check(venue: Path, readings: list[MeterReading]) -> None:
     assert (ran.code, ran.err) == (1, "")
     assert ran.out.count("FAIL") == 2
     assert "note: north: red + green + blue differ by -23" in ran.out
-    assert "nothing written, " in ran.out
+    assert "nothing written: " in ran.out
     document = json.loads(run(venue, boosted, "--json").out)
     assert document["calibration"] is None and document["notes"]
     assert [path.name for path in list_calibrations(venue)] == ["0001"]
