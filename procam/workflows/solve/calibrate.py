@@ -10,7 +10,6 @@ from procam.files.session import Session
 from procam.files.venue.load import Venue
 from procam.files.venue.masks import nudges, protecting
 from procam.files.versions import calibration_in_use, list_calibrations, next_directory
-from procam.memory import return_buffers
 from procam.workflows.capture.decoded import with_decoded_bits
 from procam.workflows.events import Event, Steps
 from procam.workflows.solve.main_view import main_view
@@ -58,14 +57,12 @@ def _solve(venue: Venue, session: Session) -> Steps[Solved]:
         black = with_shared_black(venue, main.images, main.view, measured)
         origin["notes"] += black.notes
         rest = nudges(venue), origin, venue.table.blend.falloff_per_rad
-        return_buffers()  # of the light; what is assembled needs as much again
         calibration = assemble(main.dome, main.geometry, main.view, measured, *rest)
     if rig.server:  # content is drawn as the server plays it
         calibration = replace(calibration, canvas=rig.server.canvas)
     quality = rig.figures_with(calibration.quality) | black.figures(calibration)
     calibration = noted(replace(calibration, quality=quality))
     yield Event("solve", total - 1, total, "maps assembled")
-    return_buffers()  # of the assembly: the calibration before is read beside the new one
     directory = next_directory(venue.directory)
     save_calibration(protecting(venue, calibration), directory)
     lines = compare_with_predecessor(venue.directory, used, directory, calibration)

@@ -9,6 +9,7 @@ from procam.estimate.geometry.solve import GeometrySolution
 from procam.estimate.light.measurement import ProjectorMeasurement
 from procam.files.venue.load import Venue
 from procam.files.venue.masks import projector_masks
+from procam.memory import return_buffers
 from procam.model.screen import Dome
 from procam.workflows.capture.session_images import SessionImages
 from procam.workflows.main_camera import light_radiometer, screen_view
@@ -43,6 +44,7 @@ class MainView:
         found = side_by_side(self.measure, names, sight_bytes(self.geometry.camera))
         for name, measured[name] in found:
             yield name
+        return_buffers()  # of the light; what is assembled needs as much again
 
 
 def main_view(venue: Venue, rig: SolvedRig) -> MainView:

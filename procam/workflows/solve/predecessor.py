@@ -6,6 +6,7 @@ from pathlib import Path
 from procam.errors import CalibrationError
 from procam.files.calibration import load_calibration
 from procam.files.versions import use_calibration
+from procam.memory import return_buffers
 from procam.model.calibration import Calibration
 from procam.workflows.comparison import compare
 
@@ -22,6 +23,7 @@ def compare_with_predecessor(
     """
     if before is None:
         return []
+    return_buffers()  # of the solve: two calibrations are looked at
     old = load_calibration(before)
     return [*_compared(venue_dir, (before, old), new, calibration), *_missing(before.name, old)]
 
