@@ -28,9 +28,9 @@ from procam.estimate.drift.findings import Finding, name_causes
 from procam.files.calibration import load_calibration
 from procam.files.venue.load import load_venue
 from procam.files.versions import calibration_in_use
+from procam.generators import result_of
 from procam.maths.geometry.lenses import project
 from procam.workflows.capture.newest import capture_newest
-from procam.workflows.events import result_of
 from procam.workflows.photographs.driven import DrivenPhotographer
 from procam.workflows.solve.calibrate import solve
 from procam.workflows.verify.photographs import read_reference, take_photographs

@@ -19,12 +19,12 @@ from procam.estimate.camera.radiance import Radiometer
 from procam.files.calibration import load_calibration
 from procam.files.session import Session
 from procam.files.venue.load import load_venue
+from procam.generators import result_of
 from procam.maths.geometry.sphere import direction_from_angles
 from procam.model.calibration import Calibration
 from procam.model.frame import CameraSettings, Frame
 from procam.workflows.capture.by_hand import write_by_hand
 from procam.workflows.capture.ingest import ingest
-from procam.workflows.events import result_of
 from procam.workflows.solve.calibrate import solve
 from studies.foreign_bounces import ALBEDOS, DECK_FLOOR, HALF_ANGLE, RADIUS
 from studies.foreign_room import ForeignRoom

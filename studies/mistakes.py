@@ -29,11 +29,11 @@ from procam.errors import ProcamError
 from procam.files.calibration import load_calibration
 from procam.files.venue.load import Venue, load_venue
 from procam.files.versions import calibration_in_use, use_calibration
+from procam.generators import result_of
 from procam.maths.warp import block_mean
 from procam.model.calibration import Calibration
 from procam.model.transport import Measured
 from procam.workflows.capture.capture import capture, prepare_session
-from procam.workflows.events import result_of
 from procam.workflows.photographs.driven import DrivenPhotographer
 from procam.workflows.recalibrate.recalibrate import recalibrate
 from procam.workflows.solve.calibrate import solve

@@ -22,10 +22,10 @@ from procam.compensate.perceptual.settings import Perceptual
 from procam.estimate.closed_loop.patches import MAX_CORRECTIONS
 from procam.files.calibration import load_calibration
 from procam.files.venue.load import load_venue
+from procam.generators import result_of
 from procam.maths.geometry.sphere import master_directions
 from procam.maths.warp import blur
 from procam.model.calibration import Calibration
-from procam.workflows.events import result_of
 from procam.workflows.main_camera import MainCamera
 from procam.workflows.photographs.driven import DrivenPhotographer
 from procam.workflows.refine.camera import LoopCamera

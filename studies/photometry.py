@@ -28,6 +28,7 @@ from procam.files.calibration import load_calibration
 from procam.files.images.layers import RGB, read_channels
 from procam.files.venue.load import Venue, load_venue
 from procam.files.versions import calibration_in_use
+from procam.generators import result_of
 from procam.interfaces.judge import judge
 from procam.maths.colour_science import colour_science
 from procam.maths.geometry.sphere import master_directions, master_pixels
@@ -36,7 +37,6 @@ from procam.model.calibration import Calibration
 from procam.model.frame import CameraSettings, Frame
 from procam.model.optics import CameraModel
 from procam.workflows.capture.capture import capture, prepare_session
-from procam.workflows.events import result_of
 from procam.workflows.solve.calibrate import solve
 from procam.workflows.venue_rig import open_rig
 from simulators.builds import ProjectorBuild

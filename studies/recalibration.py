@@ -19,9 +19,9 @@ import numpy as np
 from procam.files.calibration import load_calibration
 from procam.files.session import Session
 from procam.files.venue.load import load_venue
+from procam.generators import converted, result_of
 from procam.interfaces.judge import direction_errors
 from procam.workflows.capture.newest import capture_newest
-from procam.workflows.events import Result, Steps, result_of
 from procam.workflows.recalibrate.recalibrate import recalibrate
 from procam.workflows.solve.calibrate import solve
 from procam.workflows.venue_rig import rig_owner
@@ -82,17 +82,6 @@ def _calibrate_again(folder: Path) -> Path:
     return result_of(solve(venue, result_of(capture_newest(venue)))).directory
 
 
-def _watched(steps: Steps[Result], stages: list[str]) -> Steps[Result]:
-    """The same workflow; the stages of its events are kept."""
-    while True:
-        try:
-            event = next(steps)
-        except StopIteration as end:
-            return end.value
-        stages.append(event.stage)
-        yield event
-
-
 def _row(calibrated: Path, folder: Path, name: str, kind: str) -> dict[str, Any]:
     """One projector changed: shots, directions less a common rotation [arcmin], and what is seen."""
     part, whole = (Path(shutil.copytree(calibrated, folder / kind)) for kind in ("part", "whole"))
@@ -104,7 +93,7 @@ def _row(calibrated: Path, folder: Path, name: str, kind: str) -> dict[str, Any]
     with rig_owner(venue) as rig:
         stages = list[str]()
         steps = recalibrate(rig, venue, part / "calibrations" / "0001", [name])
-        made = result_of(_watched(steps, stages))
+        made = result_of(converted(steps, lambda event: stages.append(event.stage)))
     assert made.session is not None
     plan = Session(made.session).read_plan()
     shots = stages.count("verify") - 1

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from procam.estimate.closed_loop import dome, with_gains, with_scatter
 from procam.files.calibration import load_calibration
 from procam.files.venue.load import load_venue
+from procam.generators import result_of
 from procam.maths.geometry.sphere import master_directions
 from procam.model.calibration import Calibration
-from procam.workflows.events import result_of
 from procam.workflows.photographs.driven import DrivenPhotographer
 from procam.workflows.refine.refine import Refined, refine
 from procam.workflows.sample_content import CONTENTS

@@ -21,11 +21,11 @@ from procam.estimate.structured_light.limits import default_limits
 from procam.files.calibration import load_calibration
 from procam.files.session import Session
 from procam.files.venue.load import load_venue
+from procam.generators import result_of
 from procam.maths.geometry.lenses import LensKind
 from procam.model.calibration import Calibration
 from procam.model.correspondence import CorrespondenceMap
 from procam.workflows.capture.newest import capture_newest, venue_of
-from procam.workflows.events import result_of
 from procam.workflows.solve import calibrate
 
 REVERSED_SHARE = 0.01  # of the pixels, in which black may be brighter than white: a moving thing

@@ -20,15 +20,6 @@ Result = TypeVar("Result")
 Steps = Generator[Event, None, Result]  # a workflow
 
 
-def result_of(steps: Steps[Result]) -> Result:
-    """Run a workflow to its end; what it returns."""
-    while True:
-        try:
-            next(steps)
-        except StopIteration as end:
-            return end.value
-
-
 @contextmanager
 def ended_with(steps: Steps[Result]) -> Iterator[None]:
     """End a workflow with the block, also where it stands between two events.

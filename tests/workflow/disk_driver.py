@@ -16,6 +16,7 @@ from pathlib import Path
 
 import av
 import numpy as np
+from hand_meter import Meter, as_csv
 from small_files import files_up_to
 from tiny_venue import (
     Ran,
@@ -30,6 +31,7 @@ from tiny_venue import (
 
 from procam.estimate import calibration as procam_calibration
 from procam.files.bundle import write_bundle
+from procam.files.calibration import load_calibration
 from procam.files.images.pixels import write_image
 
 Command = Callable[[Path], tuple[object, ...]]
@@ -41,6 +43,7 @@ COMMANDS: dict[str, Command] = {
     "recalibrate": lambda d: ("recalibrate", d / "venue", "--projector", "south"),
     "refine": lambda d: ("refine", d / "venue"),
     "state": lambda d: ("state", d / "venue", "full"),
+    "meter": lambda d: ("meter", d / "venue", d / "readings.csv"),
     "report": lambda d: ("report", d / "venue"),
     "bundle": lambda d: ("venue", "pack", d / "venue", d / "out.zip"),
     "opened bundle": lambda d: ("venue", "unpack", d / "venue.zip", d / "new"),
@@ -91,6 +94,8 @@ def make_work(folder: Path) -> None:
     session = take_session(venue)
     solved(venue, session)
     write_bundle(venue, session, folder / "venue.zip")
+    meter = Meter(load_calibration(venue.directory / "calibrations" / "0001"))
+    (folder / "readings.csv").write_text(as_csv(meter.read_all(("south", (40, 64)))), "utf-8")
     make_venue(folder / "fresh")
 
 

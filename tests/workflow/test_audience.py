@@ -30,13 +30,13 @@ from procam.files.calibration import load_calibration, save_calibration
 from procam.files.images.layers import RGB
 from procam.files.images.pixels import read_image, write_image
 from procam.files.venue.load import Venue
+from procam.generators import result_of
 from procam.interfaces.cli import forecast as command
 from procam.maths.geometry.sphere import master_directions, master_solid_angles
 from procam.model.calibration import Calibration
 from procam.model.frame import CameraSettings, Frame
 from procam.model.venue_state import VenueState
 from procam.workflows.audience import measure_state, with_state
-from procam.workflows.events import result_of
 from procam.workflows.forecast import sampled
 from procam.workflows.photographs.driven import DrivenPhotographer
 from procam.workflows.venue_rig import open_rig

@@ -19,6 +19,7 @@ from procam.files.images.pixels import write_image
 from procam.files.versions import calibration_in_use, list_calibrations, use_calibration
 from procam.model.calibration import Calibration
 from procam.model.reading import MeterReading
+from procam.workflows.playout.frame import FrameSettings
 
 
 @pytest.fixture(scope="module")
@@ -109,9 +110,15 @@ def test_perceptual_methods_take_its_white(venue: Path, readings: list[MeterRead
         (2, ("--white-nits", "30"), "30 cd/m2\n"),
         (1, (), "14 cd/m2, assumed"),
     ):
-        start, out = venue.with_name(f"venue@{number}"), venue / f"{white[:2]}.png"
+        start, out = (
+            venue.with_name(f"venue@{number}"),
+            venue / f"{len(own)}-{number}-{white[:2]}.png",
+        )
         ran = procam("compensate", start, picture, out, "--method", "perceptual", *own)
         assert (ran.code, f"for a white of {white}" in ran.out) == (0, True), ran
+    newest = venue / "calibrations" / "0002"
+    assert FrameSettings("perceptual").at(newest).white_nits == pytest.approx(11)
+    assert FrameSettings("perceptual", white="keep").at(newest).white_nits is None  # brighter
 
 
 @pytest.mark.parametrize(

@@ -11,8 +11,8 @@ import pytest
 from tiny_venue import TINY, make_venue, procam, quick_simulator, solved, take_session
 
 from procam.files.venue.load import load_venue
+from procam.generators import result_of
 from procam.workflows.capture.newest import capture_newest
-from procam.workflows.events import result_of
 from simulators.placement import place_cameras
 from simulators.template import venue_text
 

@@ -14,11 +14,11 @@ from procam.estimate.light.stability import StabilityChecks
 from procam.files.calibration import load_calibration
 from procam.files.session import Session
 from procam.files.venue.load import Venue
+from procam.generators import result_of
 from procam.model.calibration import Calibration
 from procam.model.frame import Frame
 from procam.model.plan import Shot
 from procam.workflows.capture.session_images import SessionImages
-from procam.workflows.events import result_of
 from procam.workflows.solve.calibrate import solve
 
 Captured = tuple[Venue, Session]

@@ -21,11 +21,11 @@ from tiny_venue import (
 from procam.files.calibration import load_calibration
 from procam.files.images.stills import write_picture
 from procam.files.venue.load import load_venue
+from procam.generators import result_of
 from procam.maths.geometry.sphere import master_directions
 from procam.model.calibration import Calibration
 from procam.model.frame import Frame
 from procam.model.transport import Measured
-from procam.workflows.events import result_of
 from procam.workflows.photographs.driven import DrivenPhotographer
 from procam.workflows.refine import camera as loop_camera
 from procam.workflows.refine import refine as refining

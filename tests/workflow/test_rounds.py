@@ -29,9 +29,9 @@ from procam.files.images.pixels import read_image, write_image
 from procam.files.images.stills import write_picture
 from procam.files.session import Session
 from procam.files.venue.load import load_venue
+from procam.generators import result_of
 from procam.model.frame import CameraSettings, Frame
 from procam.workflows.audience import measure_state
-from procam.workflows.events import result_of
 from procam.workflows.photographs.driven import DrivenPhotographer, Wanted
 from procam.workflows.photographs.hand_photographer import HandPhotographer
 from procam.workflows.photographs.orders import PhotographsWanted

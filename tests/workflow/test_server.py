@@ -18,13 +18,13 @@ from procam.files.calibration import load_calibration
 from procam.files.images.pixels import read_image
 from procam.files.session import Session
 from procam.files.venue.load import load_venue
+from procam.generators import result_of
 from procam.interfaces.judge import judge, judge_pictures
 from procam.model.calibration import Calibration
 from procam.model.plan import Plan
 from procam.model.quality import Figure
 from procam.workflows.capture.session_images import SessionImages
 from procam.workflows.capture.session_plan import plan_of_session, server_of
-from procam.workflows.events import result_of
 from procam.workflows.refine.stored_pictures import keep_pictures, read_frames
 from procam.workflows.sample_content import half_sky
 from procam.workflows.solve.calibrate import solve

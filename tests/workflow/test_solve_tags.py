@@ -12,10 +12,10 @@ from tiny_venue import CAMERA, make_venue, quick_simulator, take_session
 from procam.files.calibration import load_calibration
 from procam.files.session import Session
 from procam.files.venue.load import Venue, load_venue
+from procam.generators import result_of
 from procam.maths.geometry.pose import rotation_vector
 from procam.model.calibration import Calibration
 from procam.model.plan import Plan, Shot
-from procam.workflows.events import result_of
 from procam.workflows.solve.apriltags import tag_notes
 from procam.workflows.solve.calibrate import solve
 from simulators.placement import place_cameras

@@ -13,7 +13,7 @@ from procam.estimate.light import separation
 from procam.files.calibration import load_calibration
 from procam.files.session import Session
 from procam.files.venue.load import load_venue
-from procam.workflows.events import result_of
+from procam.generators import result_of
 from procam.workflows.solve.calibrate import solve
 
 STORED = Path(__file__).parents[1] / "data" / "venue-format-1.tar.xz"

@@ -32,6 +32,7 @@ COMMANDS = {
     "projector": ("VENUE", "south", "state"),
     "session plan": ("VENUE", "VENUE/out"),
     "venue use": ("VENUE@1",),
+    "meter": ("VENUE", "VENUE/readings.csv"),
     "verify": ("VENUE",),
     "recalibrate": ("VENUE",),
 }

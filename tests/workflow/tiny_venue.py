@@ -18,9 +18,9 @@ import simulators.backend
 from procam.devices.protocols import BackendRig
 from procam.files.session import Session
 from procam.files.venue.load import Venue, load_venue
+from procam.generators import result_of
 from procam.interfaces.cli.main import app, main
 from procam.workflows.capture.capture import capture, prepare_session
-from procam.workflows.events import result_of
 from procam.workflows.solve.calibrate import solve
 from procam.workflows.venue_rig import open_rig
 from simulators import transport

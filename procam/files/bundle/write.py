@@ -20,6 +20,7 @@ from procam.files.session import Session, digest
 from procam.files.session_tables import StoredFrame, plan_text
 from procam.files.toml import toml_text
 from procam.files.venue.load import Venue
+from procam.generators import result_of
 from procam.model.plan import Plan, Shot
 
 FIRST = (1980, 1, 1, 0, 0, 0)  # zip's earliest time
@@ -53,12 +54,7 @@ def write_bundle(venue: Venue, session: Session, out: Path) -> Manifest:
     FileFormatError
         A file is missing or damaged.
     """
-    written = writing_bundle(venue, session, out)
-    while True:
-        try:
-            next(written)
-        except StopIteration as end:
-            return end.value
+    return result_of(writing_bundle(venue, session, out))
 
 
 def writing_bundle(venue: Venue, session: Session, out: Path) -> Generator[Written, None, Manifest]:

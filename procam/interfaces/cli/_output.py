@@ -107,8 +107,8 @@ class Output:
 
         Notes of the result go to stderr.
         """
+        from procam.generators import result_of
         from procam.memory import keep_large_buffers
-        from procam.workflows.events import result_of
 
         keep_large_buffers()
         is_terminal = sys.stderr.isatty() and not quiet

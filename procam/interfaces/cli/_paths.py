@@ -18,14 +18,12 @@ Picture = NDArray[np.uint8] | NDArray[np.uint16] | Array32
 Size = tuple[int, int]
 
 
-def check_out(out: Path, suffix: str, *, replace: bool = True, option: str = "--out") -> None:
+def check_out(out: Path, suffix: str, *, option: str) -> None:
     """Refuse a file that cannot be written, by the option that named it, before anything is computed."""
     if out.suffix != suffix:
         raise InputError(f"{out}: its name must end in {suffix}; choose another {option}")
     if out.is_dir():
         raise InputError(f"{out}: this is a folder; choose a file name for {option}")
-    if out.exists() and not replace:
-        raise InputError(f"{out}: this file exists already; choose another name for {option}")
     above = next(path for path in out.absolute().parents if path.exists())
     if not above.is_dir():
         raise InputError(f"{out}: {above} is a file, not a folder; choose another {option}")

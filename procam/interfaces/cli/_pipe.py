@@ -8,8 +8,8 @@ from typing import Any
 
 from procam.errors import InputError
 from procam.files.calibration import load_dome
+from procam.generators import result_of
 from procam.memory import keep_large_buffers
-from procam.workflows.events import result_of
 from procam.workflows.playout.chunks import ENDLESS
 from procam.workflows.playout.compensate import compensate_clip
 from procam.workflows.playout.frame import FrameSettings

@@ -63,33 +63,29 @@ def meter(
     The result is a new calibration, whose white perceptual methods, previews and forecasts take.
     """
     output, venue, kept = Output(json), venue_of_calibration(start), chosen_calibration(start)
-    verify_unchanged(venue, kept)
-    known = load_calibration(kept)
-    found = fit_absolute(read_meter(readings, tuple(known.projectors)), known)
-    figures = _figures(found)
+    with recorded(venue, "meter"):
+        verify_unchanged(venue, kept)
+        known = load_calibration(kept)
+        found = fit_absolute(read_meter(readings, tuple(known.projectors)), known)
+        figures = _figures(found)
+        agree = all(figure.passed is not False for figure in figures.values())
+        out = _kept(venue, known, found, readings) if agree else None
     for line in _lines(found):
         output.say(line)
     output.table(figures)
     for note in found.notes:
         output.say(f"note: {note}")
-    document = _document(found, figures)
-    if any(figure.passed is False for figure in figures.values()):
-        output.say(f"nothing written: meter and {kept} disagree")
-    else:
-        provenance = {**known.provenance, "meter": _provenance(found, readings)}
-        made = replace(known, absolute=found.colour, provenance=provenance)
-        document["calibration"] = str(_kept(venue, made))
-        output.say(f"{document['calibration']} written")
-    output.finish(document)
+    output.say(f"{out} written" if out else f"nothing written: meter and {kept} disagree")
+    output.finish({"calibration": out and str(out), **_document(found, figures)})
     exit_if_missed(figures)
 
 
-def _kept(venue: Path, calibration: Calibration) -> Path:
-    """Write the calibration, the newest of its venue, and use it."""
-    with recorded(venue, "meter"):
-        out = next_directory(venue)
-        save_calibration(calibration, out)
-        use_calibration(venue, out)
+def _kept(venue: Path, known: Calibration, found: AbsoluteLight, readings: Path) -> Path:
+    """Write the calibration with what the meter has read, the newest of its venue, and use it."""
+    provenance = {**known.provenance, "meter": _provenance(found, readings)}
+    out = next_directory(venue)
+    save_calibration(replace(known, absolute=found.colour, provenance=provenance), out)
+    use_calibration(venue, out)
     return out
 
 
@@ -159,7 +155,6 @@ def _document(found: AbsoluteLight, figures: Mapping[str, Figure]) -> dict[str, 
     kelvin, duv = colour_temperature(colour.white)
     matrix = {"value": colour.xyz_from_content.tolist(), "sigma": colour.sigma.tolist()}
     return {
-        "calibration": None,
         "xyz_from_content": matrix,
         "nits_per_unit": {"value": nits, "sigma": sigma},
         "white_xy": xyy_from_xyz(colour.white)[:2].tolist(),

@@ -50,8 +50,12 @@ class FrameSettings:
         return VIDEO if self.method in PERCEPTUAL and PERCEPTUAL[self.method].video else EXACT
 
     def at(self, calibration_dir: Path) -> "FrameSettings":
-        """The settings with the white that a hand meter has read there, if none is stated."""
-        if self.white_nits is not None or self.method not in PERCEPTUAL:
+        """The settings with the white that a hand meter has read there, if none is stated.
+
+        It is the white of "summed"; content of another white is brighter, by how much is not known yet.
+        """
+        stated = self.white_nits is not None or self.white != "summed"
+        if stated or self.method not in PERCEPTUAL:
             return self
         return replace(self, white_nits=metered_white(calibration_dir))
 

@@ -8,9 +8,9 @@ import pytest
 
 from procam.errors import InputError
 from procam.files.images.pixels import read_image
+from procam.generators import result_of
 from procam.maths.geometry.sphere import direction_from_angles, master_pixels
 from procam.model.calibration import Calibration
-from procam.workflows.events import result_of
 from procam.workflows.stills import INK, STILLS, grid, ramp, soft_checker, write_stills
 
 SIZE = 512

@@ -27,7 +27,7 @@ def solve(session: SessionArgument, json: Json = False) -> None:
         report = _sessions.keep_report(venue.directory)
     written = solved.directory
     calibration = load_calibration(written)
-    output.say(f"{written} and {report} written")
+    output.say(f"{written} and {report} written, of session {session.name}")
     output.table(calibration.quality)
     notes = output.notes(calibration, solved.compared)
     directory = quote(str(venue.directory))

@@ -1,6 +1,5 @@
 """`procam venue pack`: a session as one file for other people."""
 
-from collections.abc import Generator
 from pathlib import Path
 from typing import Annotated
 
@@ -11,11 +10,12 @@ from procam.files.bundle.manifest import Manifest
 from procam.files.bundle.write import Written
 from procam.files.session import Session
 from procam.files.venue.load import load_venue
+from procam.generators import converted
 from procam.interfaces.cli._options import Json
 from procam.interfaces.cli._output import Output
 from procam.interfaces.cli._paths import check_out
 from procam.workflows.capture.newest import solved_session, venue_of
-from procam.workflows.events import Event, Steps
+from procam.workflows.events import Event
 
 EXAMPLE = "procam venue pack my-dome my-dome.zip"
 MB = 1e6
@@ -43,7 +43,7 @@ def pack(
     check_out(out, ".zip", option="OUT.zip")
     folder = solved_session(start)
     written = writing_bundle(load_venue(venue_of(folder)), Session(folder), out)
-    manifest = output.follow(_events(written))
+    manifest = output.follow(converted(written, _event))
     size = out.stat().st_size
     output.say(f"{out} written, {size / MB:.1f} MB: {content(manifest)} of {folder}")
     say_left_out(manifest, output)
@@ -69,10 +69,5 @@ def document(manifest: Manifest) -> dict[str, object]:
     return manifest.model_dump(include={"procam", "frames", "planned", "redacted"})
 
 
-def _events(written: Generator[Written, None, Manifest]) -> Steps[Manifest]:
-    while True:
-        try:
-            each = next(written)
-        except StopIteration as end:
-            return end.value
-        yield Event("pack", each.done, each.total, "photographs written")
+def _event(each: Written) -> Event:
+    return Event("pack", each.done, each.total, "photographs written")

@@ -13,14 +13,7 @@ from procam.interfaces.cli._paths import check_out, one_size, photographs, read_
 
 class TestCheckOut:
     def test_a_new_file_in_a_new_folder(self, tmp_path: Path) -> None:
-        check_out(tmp_path / "new" / "a.toml", ".toml")
-
-    def test_only_some_commands_replace_a_file(self, tmp_path: Path) -> None:
-        path = tmp_path / "a.toml"
-        path.touch()
-        check_out(path, ".toml")
-        with pytest.raises(InputError, match="this file exists already"):
-            check_out(path, ".toml", replace=False)
+        check_out(tmp_path / "new" / "a.toml", ".toml", option="OUT")
 
     @pytest.mark.parametrize(
         ("name", "words"),
@@ -34,7 +27,7 @@ class TestCheckOut:
         (tmp_path / "folder.toml").mkdir()
         (tmp_path / "notes").touch()
         with pytest.raises(InputError, match=words):
-            check_out(tmp_path / name, ".toml")
+            check_out(tmp_path / name, ".toml", option="OUT")
 
 
 def test_two_counts() -> None:
