@@ -14,7 +14,7 @@ from procam.interfaces.report.data import written_at
 from procam.interfaces.report.page import html_template
 
 NAME = "operator-sheet.html"
-SHOW, READY, FRAMES, TRACK = "show.mov", "show-ready.mov", "frames", "show-track"
+SHOW, FRAMES, TRACK = "show.mov", "frames", "show-track"
 LISTED = 4  # earlier calibrations that the sheet names
 
 
@@ -63,11 +63,10 @@ def _frames_text(venue: Venue) -> str:
 
 def _play(venue: Venue, folder: str) -> Iterator[tuple[str, str]]:
     """Steps to make a show ready, as (what for, command)."""
-    yield "Take the scattered light out of the show", f"procam compensate {folder} {SHOW} {READY}"
     what = "the server's movie" if is_served(venue) else "the projectors' movies"
     yield (
-        f"Make {what}",
-        f"procam compensate {folder} {READY} {FRAMES} --to projectors --method none",
+        f"Take the scattered light out of the show, and make {what}",
+        f"procam compensate {folder} {SHOW} {FRAMES} --to projectors",
     )
     yield (
         "Or, for a player with procam's shader, only a track of the show",

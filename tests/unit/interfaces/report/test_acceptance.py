@@ -179,8 +179,7 @@ class TestSheet:
         assert path == venue / "operator-sheet.html"
         assert "Calibration in use: <strong>0002</strong>" in page
         for command in (
-            f"procam compensate {folder} show.mov show-ready.mov",
-            f"procam compensate {folder} show-ready.mov frames --to projectors --method none",
+            f"procam compensate {folder} show.mov frames --to projectors",
             f"procam export {folder} shader show.mov show-track",
             f"procam verify {folder}",
             f"procam venue use {folder}@1",
@@ -199,7 +198,7 @@ class TestSheet:
     ) -> None:
         folder = _venue(tmp_path / "My Dome", calibration, template_text("through-server"))
         page = unescape(write_sheet(folder).read_text("utf-8"))
-        assert "Make the server's movie" in page and "procam projector" not in page
+        assert "make the server's movie" in page and "procam projector" not in page
         assert "on the media server (server), as any dome master" in page
         assert f"procam export '{folder.resolve()}' shader show.mov show-track" in page
 
