@@ -59,7 +59,7 @@ class PredictedPicture:
 
 def predict_picture(calibration: Calibration, model: Calibration | None = None) -> PredictedPicture:
     """The uniform picture of a calibration's frames, by its own model or another's of the same panels."""
-    calibration, model = _thinned(calibration), _thinned(model or calibration)
+    calibration, model = coarse(calibration), coarse(model or calibration)
     widths = [len(p.blend[0]) for p in model.projectors.values()]
     edge = max(2, min(EDGE, min(widths) // PANEL_PX))
     asked, frames = _frames(calibration, edge)
@@ -75,23 +75,23 @@ def predict_picture(calibration: Calibration, model: Calibration | None = None) 
     )
 
 
-def _thinned(calibration: Calibration) -> Calibration:
+def coarse(calibration: Calibration) -> Calibration:
     """The calibration with fewer pixels of large panels: enough for a picture of this size."""
-    projectors = {name: _every(p) for name, p in calibration.projectors.items()}
+    projectors = {name: thinned(p) for name, p in calibration.projectors.items()}
     return replace(calibration, projectors=projectors)
 
 
-def _every(projector: ProjectorCalibration) -> ProjectorCalibration:
+def thinned(projector: ProjectorCalibration) -> ProjectorCalibration:
     """A projector whose pixels are so many together as its panel is longer than `LONGEST`."""
-    step = -(-max(projector.model.size) // LONGEST)
     surface, photometry, blend = projector.surface, projector.photometry, projector.blend
-    parts = {field.name: getattr(surface, field.name)[::step, ::step] for field in fields(surface)}
+    step = -(-max(blend.shape) // LONGEST)
+    parts = {f.name: getattr(surface, f.name)[::step, ::step].copy() for f in fields(surface)}
     parts["solid_angle_sr"] = parts["solid_angle_sr"] * step**2
     exponent = photometry.exponent
     light = replace(
         photometry,
-        gain=photometry.gain[::step, ::step],
-        exponent=None if exponent is None else exponent[::step, ::step],
+        gain=photometry.gain[::step, ::step].copy(),
+        exponent=None if exponent is None else exponent[::step, ::step].copy(),
     )
     return replace(
         projector,

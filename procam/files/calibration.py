@@ -5,6 +5,7 @@ each part is written and read in one place, so that the two cannot drift apart.
 """
 
 import json
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
@@ -27,8 +28,13 @@ from procam.model.transport import DomeMaps, ScatterKernel
 from procam.model.venue_state import VenueState
 
 Channels = dict[str, Array32]
+Keep = Callable[[ProjectorCalibration], ProjectorCalibration]
 RGB = ("R", "G", "B")
 DOME_MAPS = ("scatter_per_flux", "albedo", "lo", "hi")
+
+
+def _whole(projector: ProjectorCalibration) -> ProjectorCalibration:
+    return projector
 
 
 def save_calibration(calibration: Calibration, directory: str | Path) -> None:
@@ -78,12 +84,13 @@ def ambient_file(state: str) -> str:
     return f"state-{state}.exr"
 
 
-def load_calibration(directory: str | Path) -> Calibration:
+def load_calibration(directory: str | Path, keep: Keep = _whole) -> Calibration:
     """Read a calibration directory.
 
     Parameters
     ----------
     directory : such as VENUE/calibrations/0001, with calibration.json and maps.
+    keep : what to keep of each projector when it has been read, to save memory.
 
     Returns
     -------
@@ -100,12 +107,12 @@ def load_calibration(directory: str | Path) -> Calibration:
     Traceback (most recent call last):
     procam.errors.FileFormatError: ...
     """
-    return _load(directory, with_projectors=True)
+    return _load(directory, keep)
 
 
 def load_dome(directory: Path) -> Calibration:
     """Read a calibration directory without its projectors, which dome masters do not need."""
-    return _load(directory, with_projectors=False)
+    return _load(directory, keep=None)
 
 
 def metered_white(directory: Path) -> float | None:
@@ -117,7 +124,7 @@ def metered_white(directory: Path) -> float | None:
     return None
 
 
-def _load(directory: str | Path, with_projectors: bool) -> Calibration:
+def _load(directory: str | Path, keep: Keep | None) -> Calibration:
     directory = Path(directory)
     path = directory / "calibration.json"
     if not path.is_file():
@@ -132,7 +139,7 @@ def _load(directory: str | Path, with_projectors: bool) -> Calibration:
                 f"{path} has schema_version {document['schema_version']!r}, and this version of procam "
                 f"reads {SCHEMA_VERSION}; calibrate again with this version"
             )
-        return _calibration(directory, document, with_projectors)
+        return _calibration(directory, document, keep)
     except FileFormatError:
         raise
     except (
@@ -226,14 +233,17 @@ def _projector_entry(projector: ProjectorCalibration) -> dict[str, Any]:
     }
 
 
-def _calibration(directory: Path, document: dict[str, Any], with_projectors: bool) -> Calibration:
+def _calibration(directory: Path, document: dict[str, Any], keep: Keep | None) -> Calibration:
     dome = read_layers(directory / "maps" / "dome.exr")
     check_dome_maps(dome)
-    projectors = document["projectors"].items() if with_projectors else ()
+    kept = dict[str, ProjectorCalibration]()
+    if keep:
+        for name, entry in document["projectors"].items():
+            kept[name] = keep(_projector(directory, entries.safe_name(name), entry))
     return Calibration(
         entries.screen(document["screen"]),
         {n: entries.camera(n, e) for n, e in document["cameras"].items()},
-        {n: _projector(directory, entries.safe_name(n), e) for n, e in projectors},
+        kept,
         _dome_maps(dome, document.get("scatter_kernel")),
         entries.measured(document["feedback"]),
         entries.measured(document["albedo"]),

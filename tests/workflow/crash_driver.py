@@ -398,7 +398,9 @@ def stop_at_random(bench: Bench) -> Iterator[str]:
         shutil.rmtree(venue)
 
 
-def _interrupted(venue: Path, number: int, seconds: list[float], command: str = "capture") -> int:
+def _interrupted(
+    venue: Path, number: int, seconds: list[float], command: str = "session capture"
+) -> int:
     reader, ready = os.pipe()
     pid = child(_commanded(venue, ready, command))
     os.close(ready)  # the child has its own: if it dies early, the read ends
@@ -417,7 +419,7 @@ def _commanded(venue: Path, ready: int, command: str) -> Callable[[], int]:
         sys.stdout, sys.stderr = ((venue / name).open("w") for name in ("stdout", "stderr"))
         for number in STOP_SIGNALS:
             signal.signal(number, signal.default_int_handler)
-        sys.argv = ["procam", command, str(venue), *ARGUMENTS.get(command, ()), "--json"]
+        sys.argv = ["procam", *command.split(), str(venue), *ARGUMENTS.get(command, ()), "--json"]
         try:
             os.write(ready, b".")
             procam_main()

@@ -110,7 +110,7 @@ def solve(photos: Path, *more: object, into: Path | None = None) -> Ran:
 
 class TestSolves:
     def test_brown(self, photos: Path, venue: Path) -> None:
-        """Keys of the camera are replaced, with the standard errors of a run before, and nothing else."""
+        """Keys and their standard errors are replaced, and the owner's comments stay."""
         path = venue / "venue.toml"
         before = path.read_text()
         text = before.replace("\nf = [4200.0, 4200.0]", "\nf = [900.0, 900.0]  # +- 7, 7 px")
@@ -125,7 +125,7 @@ class TestSolves:
         assert size == "size = [640, 480]"
         assert re.fullmatch(r"f = \[.*\]  # \+- 0[.\d]+, 0[.\d]+ px", f)
         assert re.fullmatch(r"c = \[.*\]  # \+- 0[.\d]+, 0[.\d]+ px; \(0, 0\) is the .*", c)
-        assert re.fullmatch(r"k = \[.*\] # mine", k)
+        assert re.fullmatch(r"k = \[.*\] # \+- .* -- mine", k)
         table = tomllib.loads(path.read_text())["cameras"]["side"]
         assert table["model"] == "brown"
         np.testing.assert_allclose(table["f"], LENS.focal, rtol=0.003)

@@ -10,6 +10,7 @@ from procam.files.session import Session
 from procam.files.venue.load import Venue
 from procam.files.venue.masks import nudges, protecting
 from procam.files.versions import calibration_in_use, list_calibrations, next_directory
+from procam.memory import return_buffers
 from procam.workflows.capture.decoded import with_decoded_bits
 from procam.workflows.events import Event, Steps
 from procam.workflows.solve.main_view import main_view
@@ -40,12 +41,21 @@ def solve(venue: Venue, session: Session) -> Steps[Solved]:
 
 
 def _solve(venue: Venue, session: Session) -> Steps[Solved]:
-    origin = provenance(venue, session)  # first of all, for it finds what is wrong with masks
-    venue = with_decoded_bits(venue, session)
     before = list_calibrations(venue.directory)
     used = calibration_in_use(venue.directory) if before else None
+    total = len(venue.table.projectors) * (len(venue.cameras) + 1) + 3
+    directory = yield from _written(venue, session, total)
+    return_buffers()  # of the calibration
+    lines = compare_with_predecessor(venue.directory, used, directory)
+    yield Event("solve", total, total, f"calibration {directory} written")
+    return Solved(directory, lines)
+
+
+def _written(venue: Venue, session: Session, total: int) -> Steps[Path]:
+    """The folder of the new calibration, of which nothing stays in memory."""
+    origin = provenance(venue, session)  # first of all, for it finds what is wrong with masks
+    venue = with_decoded_bits(venue, session)
     names = list(venue.table.projectors)
-    total = len(names) * (len(venue.cameras) + 1) + 3
     rig = yield from solve_session_rig(venue, session, total)
     placed = total - len(names) - 2
     yield Event("solve", placed, total, f"geometry solved; {rig.verdict}")
@@ -65,6 +75,4 @@ def _solve(venue: Venue, session: Session) -> Steps[Solved]:
     yield Event("solve", total - 1, total, "maps assembled")
     directory = next_directory(venue.directory)
     save_calibration(protecting(venue, calibration), directory)
-    lines = compare_with_predecessor(venue.directory, used, directory, calibration)
-    yield Event("solve", total, total, f"calibration {directory} written")
-    return Solved(directory, lines)
+    return directory

@@ -3,28 +3,27 @@
 from collections.abc import Iterator
 from pathlib import Path
 
+from procam.compensate.predicted_picture import thinned
 from procam.errors import CalibrationError
 from procam.files.calibration import load_calibration
 from procam.files.versions import use_calibration
-from procam.memory import return_buffers
 from procam.model.calibration import Calibration
 from procam.workflows.comparison import compare
 
 CONTRADICTION = ("exchanged", "differ")  # verdicts that no change to a rig explains
 
 
-def compare_with_predecessor(
-    venue_dir: Path, before: Path | None, new: Path, calibration: Calibration
-) -> list[str]:
+def compare_with_predecessor(venue_dir: Path, before: Path | None, new: Path) -> list[str]:
     """Compare a new calibration with the one used before it; one that contradicts it is not used.
+
+    Of both as many pixels are read as show the picture: six large panels take half a gigabyte.
 
     Returns what to tell the crew: nothing for the first, and for one that agrees and has all that the other
     had. What contradicts another rig is no news.
     """
     if before is None:
         return []
-    return_buffers()  # of the solve: two calibrations are looked at
-    old = load_calibration(before)
+    old, calibration = (load_calibration(each, keep=thinned) for each in (before, new))
     return [*_compared(venue_dir, (before, old), new, calibration), *_missing(before.name, old)]
 
 
