@@ -15,6 +15,8 @@ from typing import Any, Generic, NoReturn, Self, TypeVar
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
+SLICE_S = 0.25  # of a wait without an end
+
 _running: set["Future[Any]"] = set()
 
 
@@ -38,7 +40,9 @@ class Future(Generic[Result]):
 
         Raises queue.Empty if it is not there in `patience_s`.
         """
-        found, error = self._outcome.get(timeout=patience_s)
+        found, error = (
+            self._awaited() if patience_s is None else self._outcome.get(timeout=patience_s)
+        )
         if error is None:
             result: Result = found
             return result
@@ -46,6 +50,12 @@ class Future(Generic[Result]):
             raise error
         finally:
             del error  # its traceback holds this frame, which would hold it
+
+    def _awaited(self) -> tuple[Any, BaseException | None]:
+        """The outcome; a signal that came just before a wait began is seen at the end of its slice."""
+        while True:
+            with suppress(Empty):
+                return self._outcome.get(timeout=SLICE_S)
 
     def run(self, function: Callable[[], Result]) -> None:
         """Called by the thread."""

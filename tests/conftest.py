@@ -44,10 +44,10 @@ LONG = frozenset(
     acceptance audience behaviour camera cli_bundle cli_camera cli_chunks cli_external cli_pair
     cli_response content_small crash dataset_small diagnosis direction_samples doctor drifts_small
     floor_albedo foreign_codes_small foreign_dome_small full_disk_commands fuzz howto_commands
-    kernels_build kernels_frame light_refusals mistakes_small mutations notebooks other_seat
+    kernels_build kernels_frame large_camera light_refusals mistakes_small mutations notebooks other_seat
     own_devices page photometry_small physics_foreign_boards physics_forms planar_pair
-    precision_small predecessor preference recalibrate response rooms_small rounds set_checks
-    shot_id solve solve_lens unattended unattended_runs
+    precision_small predecessor preference recalibrate refine response rooms_small rounds server
+    set_checks shot_id solve solve_lens unattended unattended_runs
     """.split()
 )
 

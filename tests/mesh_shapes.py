@@ -83,3 +83,31 @@ def welded(points: np.ndarray, faces: np.ndarray) -> Mesh:
     """The mesh with equal vertices merged."""
     _, first, place = np.unique(points.round(9), axis=0, return_index=True, return_inverse=True)
     return points[first], place.reshape(-1)[faces].astype(np.int32)
+
+
+def cell_room(cells: set[tuple[int, int, int]], cuts: int) -> Mesh:
+    """The walls about cells of a grid of 1 m, 2 cuts^2 triangles each: an L of three cells, for instance."""
+    at = np.arange(cuts + 1) / cuts
+    corners, faces = [], []
+    for cell in sorted(cells):
+        for axis in range(3):
+            for side in (0, 1):
+                beyond = list(cell)
+                beyond[axis] += 2 * side - 1
+                if tuple(beyond) in cells:
+                    continue
+                wall = np.zeros((cuts + 1, cuts + 1, 3))
+                wall[..., axis] = side
+                wall[..., (axis + 1) % 3], wall[..., (axis + 2) % 3] = np.meshgrid(
+                    at, at, indexing="ij"
+                )
+                number = (
+                    np.arange((cuts + 1) ** 2).reshape(cuts + 1, -1)
+                    + len(corners) * (cuts + 1) ** 2
+                )
+                a, b = number[:-1, :-1].ravel(), number[1:, :-1].ravel()
+                c, d = number[1:, 1:].ravel(), number[:-1, 1:].ravel()
+                both = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+                corners.append((wall + cell).reshape(-1, 3))
+                faces.append(both if side == 0 else both[:, ::-1])
+    return welded(np.concatenate(corners), np.concatenate(faces))

@@ -10,13 +10,13 @@ import numpy as np
 
 from procam.arrays import Array, Array32, BoolArray
 from procam.maths.mesh.contours import exchange_areas
+from procam.maths.mesh.exchange import is_convex
 from procam.maths.mesh.facets import Faces, face_areas, face_normals, shared_edges
 from procam.maths.mesh.raycast import MeshTracer
 
 NEAR = 3.0  # diameters between centroids, below which the kernel between them is off by a percent
 BLOCK = 256  # rows at a time
 RAYS = 1 << 20  # at a time
-CONVEX = 1e-6  # of the extent: how far a corner may lie behind a face of a convex room
 CLOSED = 1e-6  # relative error of a row's sum in a closed room
 BALANCES = 100
 
@@ -53,17 +53,6 @@ def form_factors(vertices: Array, faces: Faces) -> Array32:
         exchange = _balanced(exchange, area)
     exchange /= area[:, None].astype(np.float32)
     return exchange
-
-
-def is_convex(vertices: Array, faces: Faces) -> bool:
-    """Whether no corner of the mesh lies behind a face, so that all faces see each other."""
-    inward = face_normals(vertices, faces)
-    depth = np.einsum("fi,fi->f", inward, vertices[faces[:, 0]])
-    extent = float(np.ptp(vertices, axis=0).max())
-    return all(
-        (vertices @ inward[at : at + BLOCK].T - depth[at : at + BLOCK]).min() > -CONVEX * extent
-        for at in range(0, len(faces), BLOCK)
-    )
 
 
 def _centroid_kernel(

@@ -10,16 +10,13 @@ from procam.files.session import Session
 from procam.files.venue.load import Venue
 from procam.files.venue.masks import nudges, protecting
 from procam.files.versions import calibration_in_use, list_calibrations, next_directory
-from procam.memory import return_buffers
 from procam.workflows.capture.decoded import with_decoded_bits
 from procam.workflows.events import Event, Steps
-from procam.workflows.solve.main_view import main_view
+from procam.workflows.solve.measure_session import measure_session
 from procam.workflows.solve.measurements import MeasurementsOnDisk
 from procam.workflows.solve.plausible import noted
 from procam.workflows.solve.predecessor import compare_with_predecessor
 from procam.workflows.solve.provenance import provenance
-from procam.workflows.solve.rig import solve_session_rig
-from procam.workflows.solve.shared_black import with_shared_black
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +42,6 @@ def _solve(venue: Venue, session: Session) -> Steps[Solved]:
     used = calibration_in_use(venue.directory) if before else None
     total = len(venue.table.projectors) * (len(venue.cameras) + 1) + 3
     directory = yield from _written(venue, session, total)
-    return_buffers()  # of the calibration
     lines = compare_with_predecessor(venue.directory, used, directory)
     yield Event("solve", total, total, f"calibration {directory} written")
     return Solved(directory, lines)
@@ -55,22 +51,14 @@ def _written(venue: Venue, session: Session, total: int) -> Steps[Path]:
     """The folder of the new calibration, of which nothing stays in memory."""
     origin = provenance(venue, session)  # first of all, for it finds what is wrong with masks
     venue = with_decoded_bits(venue, session)
-    names = list(venue.table.projectors)
-    rig = yield from solve_session_rig(venue, session, total)
-    placed = total - len(names) - 2
-    yield Event("solve", placed, total, f"geometry solved; {rig.verdict}")
-    main = main_view(venue, rig)
-    origin["notes"] = [*rig.notes, *main.notes]
     with MeasurementsOnDisk(venue.directory) as measured:
-        for done, name in enumerate(main.measure_into(measured, names), placed + 1):
-            yield Event("solve", done, total, f"{name} light split, response fitted")
-        black = with_shared_black(venue, main.images, main.view, measured)
-        origin["notes"] += black.notes
+        seen = yield from measure_session(venue, session, measured, total)
+        origin["notes"] = seen.notes
         rest = nudges(venue), origin, venue.table.blend.falloff_per_rad
-        calibration = assemble(main.dome, main.geometry, main.view, measured, *rest)
-    if rig.server:  # content is drawn as the server plays it
-        calibration = replace(calibration, canvas=rig.server.canvas)
-    quality = rig.figures_with(calibration.quality) | black.figures(calibration)
+        calibration = assemble(seen.dome, seen.geometry, seen.view, measured, *rest)
+    if seen.rig.server:  # content is drawn as the server plays it
+        calibration = replace(calibration, canvas=seen.rig.server.canvas)
+    quality = seen.rig.figures_with(calibration.quality) | seen.black.figures(calibration)
     calibration = noted(replace(calibration, quality=quality))
     yield Event("solve", total - 1, total, "maps assembled")
     directory = next_directory(venue.directory)

@@ -7,6 +7,7 @@ from procam.compensate.predicted_picture import thinned
 from procam.errors import CalibrationError
 from procam.files.calibration import load_calibration
 from procam.files.versions import use_calibration
+from procam.memory import return_buffers
 from procam.model.calibration import Calibration
 from procam.workflows.comparison import compare
 
@@ -23,6 +24,7 @@ def compare_with_predecessor(venue_dir: Path, before: Path | None, new: Path) ->
     """
     if before is None:
         return []
+    return_buffers()  # of the solve
     old, calibration = (load_calibration(each, keep=thinned) for each in (before, new))
     return [*_compared(venue_dir, (before, old), new, calibration), *_missing(before.name, old)]
 
