@@ -10,7 +10,6 @@ import cv2
 import numpy as np
 
 from benchmarks import (
-    areas,
     bundle,
     demo,
     frame,
@@ -32,7 +31,6 @@ BENCHES: tuple[Callable[[], Report], ...] = (
     lambda: phase.bench_search(4),
     lambda: phase.bench_search(5),
     phase.bench_growth,
-    areas.bench,
     bundle.bench,
     bundle.bench_growth,
     warp.bench,

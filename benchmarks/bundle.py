@@ -133,7 +133,7 @@ class Rounds:
 
     def equations(self) -> tuple[np.ndarray, np.ndarray]:
         """Normal matrix and its right side, of all sightings."""
-        return normal_equations(self.rig, self.seen, self.weight, self.free, self.rays)
+        return normal_equations(self.rig, self.seen, self.weight, self.free, self.rays, {})
 
     def misses(self) -> list[np.ndarray]:
         """Of the sightings of each pair [px]."""
@@ -158,7 +158,7 @@ class Rounds:
         def slopes(x: np.ndarray) -> np.ndarray:
             rig, rows = rig_at(x), []
             for pair, some in self.seen.items():
-                _, part = residual_slopes(rig, pair, some, self.rays.get(pair))
+                _, part = residual_slopes(rig, pair, some)
                 every = np.zeros((part.shape[0] * 2, layout.count))
                 every[:, layout.columns(pair)] = part.reshape(len(every), -1) / SIGMA_PX
                 rows.append(every[:, self.free])

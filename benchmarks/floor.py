@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from procam.kernels.native.arrays import planes
+from procam.kernels.native.arrays import aligned_empty
 
 LINE = 64
 COUNTED = Path(__file__).with_name("instructions.json")
@@ -47,7 +47,7 @@ class Floor:
     def __init__(self, source: np.ndarray, written: int) -> None:
         self._source = source.reshape(-1).view(np.uint8)
         self._copied = min(written, self._source.size) // LINE * LINE
-        (target,) = planes((written // 4,), 1)
+        target = aligned_empty((written // 4,), np.float32)
         self._target = target.view(np.uint8)
 
     @classmethod

@@ -12,9 +12,9 @@ from benchmarks import floor
 from benchmarks.measure import Goal, Report, at_least, at_levels, interleaved, over_floor
 from procam.compensate.equations import FrameEquations, Solution
 from procam.compensate.fields import Fields
-from procam.kernels.frame import FrameModel
 from procam.kernels.frame.coding import Coding
-from procam.kernels.native.arrays import aligned_like
+from procam.kernels.frame.model import FrameModel
+from procam.kernels.native.arrays import aligned_empty
 from procam.maths.codes.dither import threshold_tile
 from procam.maths.geometry.sphere import master_directions, master_solid_angles
 from procam.maths.light.scatter_kernel import basis
@@ -88,13 +88,18 @@ class Show:
         known = transfer("srgb" if kind is np.uint8 else "linear")
         if kind is not np.uint8:
             first = (np.float32(1 / 255) * first).astype(kind)
-        frames = [aligned_like(first) for _ in range(2)]
+        frames = [aligned_empty(first.shape, first.dtype) for _ in range(2)]
         for k, frame in enumerate(frames):
             frame[:] = np.roll(first, k * PAN_PX, axis=1)
         top = 1.0 if kind is np.uint8 else np.inf
         coding = Coding(known.decode, known.encode, threshold_tile(), 1.0, top)
         fields = dome(size, measured)
-        show = cls(FrameEquations(fields, "exact", np.ones(3)), coding, frames, aligned_like(first))
+        show = cls(
+            FrameEquations(fields, "exact", np.ones(3)),
+            coding,
+            frames,
+            aligned_empty(first.shape, first.dtype),
+        )
         if solved:
             show()
         return show

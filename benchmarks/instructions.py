@@ -15,7 +15,7 @@ import numpy as np
 from benchmarks import frame, phase, warp
 from benchmarks.floor import COUNTED, sources
 from procam import kernels
-from procam.kernels.frame import frame_apply, frame_sums
+from procam.kernels.frame.api import frame_apply, frame_sums
 
 LEVEL = "avx2"
 ROWS = 270  # of the photographs that are searched

@@ -49,16 +49,13 @@ def bench_search(extras: int) -> Report:
     """Micro phase shifting, one axis, 3840x2160 uint8, 31 periods."""
     terms = plan(extras)
     stack = waves(SHAPE, *terms[:2])
-    out = kernels.search_phase(stack, *terms, 3, LENGTH)
     times = interleaved(
         {
-            "kernel": lambda: kernels.search_phase(stack, *terms, 3, LENGTH, out=out),
-            **at_levels("kernel", lambda: kernels.search_phase(stack, *terms, 3, LENGTH, out=out)),
+            "kernel": lambda: kernels.search_phase(stack, *terms, 3, LENGTH),
+            **at_levels("kernel", lambda: kernels.search_phase(stack, *terms, 3, LENGTH)),
             "limit, avx2": floor.Instructions(floor.counted("search") * stack[0].size),
-            "kernel, one step": lambda: kernels.search_phase(stack, *terms, 3, LENGTH, 1, out=out),
-            "kernel, no refinement": lambda: kernels.search_phase(
-                stack, *terms, 3, LENGTH, 0, out=out
-            ),
+            "kernel, one step": lambda: kernels.search_phase(stack, *terms, 3, LENGTH, 1),
+            "kernel, no refinement": lambda: kernels.search_phase(stack, *terms, 3, LENGTH, 0),
         },
         {"NumPy exhaustive": (lambda: exhaustive(stack, terms), stack[0].size / PEER_PIXELS)},
         rounds=5,
@@ -85,8 +82,7 @@ def bench_growth() -> Report:
     runs = {}
     for name, shape in sizes.items():
         stack = waves(shape, *terms[:2])
-        out = kernels.search_phase(stack, *terms, 3, LENGTH)
-        runs[name] = lambda s=stack, o=out: kernels.search_phase(s, *terms, 3, LENGTH, out=o)
+        runs[name] = lambda s=stack: kernels.search_phase(s, *terms, 3, LENGTH)
     times = interleaved(runs)
     each = [times[name].cpu_s / (shape[0] * shape[1]) for name, shape in sizes.items()]
     return Report(

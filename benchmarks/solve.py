@@ -4,7 +4,7 @@ import numpy as np
 
 from benchmarks.measure import Report, at_least, interleaved
 from procam.maths.geometry.sphere import master_solid_angles
-from procam.maths.light.box_solver import solve_flux
+from procam.maths.light.box_solver import solve_moments
 
 
 def bench() -> Report:
@@ -25,7 +25,7 @@ def bench() -> Report:
 
     times = interleaved(
         {
-            "Newton": lambda: solve_flux(target, u, solid, lo, hi),
+            "Newton": lambda: solve_moments(target, u[:, None], solid[:, None], lo, hi),
             "bisection": bisection,
             "copy": target.copy,
         },

@@ -34,35 +34,7 @@ _MODULES = {
 }
 _HOME = {name: module for module, names in _MODULES.items() for name in names}
 
-__all__ = [
-    "Calibration",
-    "CalibrationError",
-    "CameraModel",
-    "Compensator",
-    "CorrespondenceMap",
-    "DeviceError",
-    "Dome",
-    "InputError",
-    "Lens",
-    "Perceptual",
-    "Pose",
-    "ProcamError",
-    "ProjectorModel",
-    "VenueState",
-    "Warper",
-    "add_interreflection",
-    "calibrate_camera",
-    "capture",
-    "create_venue",
-    "decode",
-    "generate_patterns",
-    "load_calibration",
-    "load_dataset",
-    "remove_interreflection",
-    "save_calibration",
-    "solve",
-    "sphere_scatter",
-]
+__all__ = sorted(_HOME)  # noqa: PLE0605 - __init__.pyi lists them for type checkers
 
 
 def __getattr__(name: str) -> Any:

@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 
 from procam.arrays import AnyArray, Array, BoolArray, Image, IndexArray
 from procam.maths.geometry.lenses import unproject
-from procam.maths.geometry.sphere import grid_solid_angles, normalise
+from procam.maths.geometry.sphere import normalise
 from simulators.builds import ProjectorBuild, same_geometry
+from simulators.solid_angles import grid_solid_angles
 from simulators.surface import Surface
 from simulators.transport import dome_patch
 

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from procam.estimate.boards.camera import NAMES, BoardView, fit_camera
 from procam.estimate.boards.planar_pair import PairView, fit_planar_pair
-from procam.maths.geometry.lens_derivatives import lens_parameters
+from procam.maths.geometry.lenses import lens_parameters
 from studies import foreign_boards as foreign
 from studies.measure import write
 

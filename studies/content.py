@@ -23,11 +23,11 @@ from procam.maths.geometry.sphere import master_directions, normalise
 from procam.maths.warp import block_mean
 from procam.model.calibration import Calibration
 from procam.workflows.refine.stored_pictures import keep_pictures, read_frames
-from procam.workflows.sample_content import CONTENTS
 from simulators.backend import build_scene
 from simulators.presets import PresetName
 from simulators.scene import ALL_BANDS, DomeScene, SceneSize
 from simulators.sight_lines import SightLines
+from studies.contents import CONTENTS
 from studies.measure import side_by_side, write
 from studies.photometry import calibrate_venue, make_truth
 

@@ -15,11 +15,12 @@ from pathlib import Path
 
 from procam.errors import ProcamError
 from procam.files.atomic import replacing_directory
-from procam.files.bundle import write_bundle
 from procam.files.bundle.manifest import FileEntry
+from procam.files.bundle.write import writing_bundle
 from procam.files.dataset import INDEX, SCHEMA, DatasetIndex, SessionEntry
 from procam.files.history.store import file_digest
 from procam.files.venue.load import load_venue
+from procam.generators import result_of
 from procam.workflows.capture.capture import capture, prepare_session
 from procam.workflows.venue_rig import open_rig
 from simulators.scene import SceneSize
@@ -75,7 +76,7 @@ def _add_session(folder: Path, entry: SessionEntry, venue_toml: str) -> int:
         with open_rig(venue) as rig:
             for _ in capture(rig, venue, session):
                 pass
-        manifest = write_bundle(venue, session, folder / entry.bundle)
+        manifest = result_of(writing_bundle(venue, session, folder / entry.bundle))
         if not (folder / entry.truth).exists():
             write_truth(venue.backends["simulated"], directory, folder / entry.truth, {})
         return manifest.frames

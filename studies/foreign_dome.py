@@ -23,7 +23,7 @@ from procam.maths.geometry.sphere import master_directions, master_pixels, maste
 from procam.maths.warp import block_mean, sample
 from procam.model.calibration import Calibration
 from procam.model.transport import Measured
-from procam.workflows.sample_content import CONTENTS
+from studies.contents import CONTENTS
 from studies.foreign_bounces import RADIUS, hit
 from studies.foreign_photographs import JPEG, RAW, FileKind, Size, Stage
 from studies.foreign_room import PLATES, Cells, ForeignRoom

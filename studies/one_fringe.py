@@ -9,18 +9,18 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.estimate.structured_light.codes import AXES, Code, generate, wave_code
+from procam.estimate.structured_light.codes import AXES, AxisCode, Code, generate
 from procam.estimate.structured_light.decode import Decoder
 from procam.estimate.structured_light.limits import default_limits, dropped_samples
 from procam.estimate.structured_light.scatter_bias import (
+    DIM,
     flux_share_maps,
-    flux_shares,
     remove_phasor,
     scattered_light,
 )
 from procam.estimate.structured_light.self_calibration import SinusoidImages
 from procam.estimate.structured_light.sinusoids import decode_sinusoids
-from procam.maths.codes.phase import equal_steps
+from procam.maths.codes.phase import Waves, equal_steps
 from procam.maths.warp import grow
 from simulators.photograph_bench import PhotographBench
 from simulators.presets import STANDARD, Preset
@@ -49,6 +49,20 @@ METHODS = {
 }
 Frames = NDArray[np.float32]
 Maps = NDArray[np.floating]
+
+
+def wave_code(size: tuple[int, int], periods: tuple[float, float], steps: int = 8) -> Code:
+    """N equal steps of one period [px] per axis: positions are known within one period only."""
+    waves = [Waves(np.full(steps, float(p)), equal_steps(steps), steps) for p in periods]
+    return Code("wave", size, AxisCode(size[0], waves[0]), AxisCode(size[1], waves[1]))
+
+
+def flux_shares(frames: Frames, white: Maps, black: Maps, lit: NDArray[np.bool_]) -> Maps:
+    """Flux (K,) of K patterns, 0 for black and 1 for white: one share a picture, as on a sphere."""
+    span = np.subtract(white, black, dtype=np.float32)
+    unlit = ~lit & (span > DIM * float(np.median(span[lit])))
+    total = float(span[unlit].sum())
+    return np.array([(f[unlit] - black[unlit].astype(float)).sum() / total for f in frames])
 
 
 class OneFringe:

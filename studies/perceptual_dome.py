@@ -31,10 +31,10 @@ from procam.workflows.photographs.driven import DrivenPhotographer
 from procam.workflows.refine.camera import LoopCamera
 from procam.workflows.refine.refine import refine
 from procam.workflows.refine.shown_picture import PreparedPicture, ShownPicture
-from procam.workflows.sample_content import CONTENTS
 from procam.workflows.venue_rig import open_rig
 from simulators.scene import SceneSize
 from studies import content
+from studies.contents import CONTENTS
 from studies.measure import write
 from studies.picture_set import picture
 

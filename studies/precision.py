@@ -8,7 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.frame import STRIP, Show, dome
-from procam.kernels.frame import FrameModel, frame_sums, reference
+from procam.kernels.frame import reference
+from procam.kernels.frame.api import frame_sums
+from procam.kernels.frame.model import FrameModel
 from procam.maths.geometry.sphere import master_directions, master_solid_angles
 from studies.measure import write
 

@@ -11,12 +11,13 @@ import av
 import cv2
 import numpy as np
 
-from procam.files.bundle import write_bundle
+from procam.files.bundle.write import writing_bundle
 from procam.files.history.record import recorded
 from procam.files.images.pixels import write_image
 from procam.files.output_log import OutputLog
 from procam.files.session import Session
 from procam.files.venue.load import load_venue
+from procam.generators import result_of
 from procam.model.frame import CameraSettings, Frame
 from procam.model.plan import Plan, Shot
 from procam.workflows.capture.settings import keep_settings
@@ -119,7 +120,7 @@ def _bundles(folder: Path) -> None:
         session.store(
             "zenith", shot, 0.13, Frame(counts, CameraSettings(0.13, shot.pixel_format), 0, 1)
         )
-    write_bundle(load_venue(small), session, bundle)
+    result_of(writing_bundle(load_venue(small), session, bundle))
     with recorded(small, "capture"):
         pass
     with zipfile.ZipFile(bundle) as archive:

@@ -20,8 +20,8 @@ import numpy as np
 import OpenImageIO as oiio
 
 from procam.errors import FileFormatError, InputError
-from procam.files.bundle import open_bundle, read_manifest
 from procam.files.bundle.original import original_figures
+from procam.files.bundle.read import open_bundle, read_manifest
 from procam.files.calibration import load_calibration, load_dome, metered_white
 from procam.files.code_file import load_code
 from procam.files.dataset import load_dataset
@@ -32,7 +32,6 @@ from procam.files.images.layers import read_channels
 from procam.files.images.movies import MovieReader
 from procam.files.images.photos import load_response, read_photo
 from procam.files.images.pixels import read_header
-from procam.files.images.raw_frames import read_frame
 from procam.files.images.stills import read_picture, read_still
 from procam.files.lock import locked
 from procam.files.meshes import load_mesh
@@ -49,6 +48,7 @@ from procam.interfaces.report.stored_loop import read_loop
 from procam.model.plan import Plan
 from procam.workflows.capture.photo_index import read_index
 from procam.workflows.capture.settings import read_settings
+from procam.workflows.playout.pipe_clip import read_frame
 from procam.workflows.playout.sources import read_clip_frame
 from procam.workflows.refine.stored_pictures import read_frames, read_square
 from studies.preference import answers, plan

@@ -41,7 +41,7 @@ VENUES = {
     "standard": (SceneSize(2, (640, 400), 1, CAMERA, rays=512), PAIR),
     "two cameras": (SceneSize(2, (640, 400), 2, CAMERA, rays=512), PAIR),
     "six projectors": (
-        SceneSize(6, (480, 300), 1, CAMERA, rays=512),
+        SceneSize(6, (320, 200), 1, (600, 600), rays=512),
         (*PAIR, "east", "west", "aft", "fore"),
     ),
 }

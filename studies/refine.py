@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.estimate.closed_loop import dome, with_gains, with_scatter
+from procam.estimate.closed_loop import dome
+from procam.estimate.closed_loop.refined import with_gains, with_scatter
 from procam.files.calibration import load_calibration
 from procam.files.venue.load import load_venue
 from procam.generators import result_of
@@ -22,10 +23,10 @@ from procam.maths.geometry.sphere import master_directions
 from procam.model.calibration import Calibration
 from procam.workflows.photographs.driven import DrivenPhotographer
 from procam.workflows.refine.refine import Refined, refine
-from procam.workflows.sample_content import CONTENTS
 from procam.workflows.venue_rig import open_rig
 from simulators.scene import SceneSize
 from studies import content
+from studies.contents import CONTENTS
 from studies.measure import write
 
 Image = NDArray[np.float32]

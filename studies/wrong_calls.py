@@ -51,12 +51,6 @@ def _rays(rng: np.random.Generator) -> Arguments:
     }
 
 
-def _areas(rng: np.random.Generator) -> Arguments:
-    block = rng.normal(0, 0.2, (6, 9, 3)) + np.array([0, 0, 1.0])
-    block /= np.linalg.norm(block, axis=-1, keepdims=True)
-    return {"block": block, "shape": (5, 8), "out": np.empty((5, 8))}
-
-
 def _search(rng: np.random.Generator) -> Arguments:
     frames = (rng.random((5, 12, 13)) * 250).astype(np.float32)
     return {
@@ -142,9 +136,6 @@ def _call_frame(a: Arguments) -> object:
 
 KERNELS: Mapping[str, Kernel] = {
     "fisheye_rays": Kernel(_rays, lambda a: kernels.fisheye_rays(a["pixels"], a["lens"])),
-    "solid_angles": Kernel(
-        _areas, lambda a: np.array(kernels.solid_angles([a["block"]], a["shape"], out=a["out"]))
-    ),
     "search_phase": Kernel(
         _search, lambda a: np.array(kernels.search_phase(list(a["frames"]), *list(a.values())[1:]))
     ),

@@ -9,9 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
+from procam.files.bundle.manifest import Manifest
+from procam.files.bundle.write import writing_bundle
 from procam.files.images.pixels import write_image
 from procam.files.session import Session
 from procam.files.venue.load import Venue, load_venue
+from procam.generators import result_of
 from procam.model.frame import CameraSettings, Frame
 from procam.model.plan import Plan, Shot
 from simulators.scene import SceneSize
@@ -93,3 +96,8 @@ def with_manifest(files: Content, change: Callable[[dict], object]) -> Content:
     document = json.loads(files["manifest.json"])
     change(document)
     return {**files, "manifest.json": json.dumps(document).encode()}
+
+
+def write_bundle(venue: Venue, session: Session, out: Path) -> Manifest:
+    """Write a bundle to its end."""
+    return result_of(writing_bundle(venue, session, out))

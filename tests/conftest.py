@@ -10,12 +10,7 @@ from hypothesis import HealthCheck, settings
 from procam.devices.interrupts import SIGNALS
 from procam.maths.geometry.lenses import Lens, unproject
 from procam.maths.geometry.pose import Pose
-from procam.maths.geometry.sphere import (
-    grid_solid_angles,
-    intersect_sphere,
-    master_directions,
-    normalise,
-)
+from procam.maths.geometry.sphere import intersect_sphere, master_directions, normalise
 from procam.model.calibration import Calibration, ProjectorCalibration
 from procam.model.correspondence import ProjectorSurface
 from procam.model.optics import CameraModel, ProjectorModel, Sensor
@@ -23,6 +18,7 @@ from procam.model.photometry import Photometry, ResponseCurve
 from procam.model.quality import Figure, Goal
 from procam.model.screen import Dome
 from procam.model.transport import DomeMaps, Measured
+from simulators.solid_angles import grid_solid_angles
 
 # the same examples in every run; a busy machine is not a failure
 settings.register_profile(

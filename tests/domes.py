@@ -6,13 +6,25 @@ import numpy as np
 
 from procam.estimate.geometry.adjustment import RigProblem
 from procam.estimate.geometry.model import Observations, Pair, ParameterLayout, RigGeometry
+from procam.estimate.geometry.pixel_directions import fit_pixel_directions
+from procam.estimate.geometry.solve import GeometrySolution
 from procam.estimate.geometry.start import ProjectorPrior
 from procam.maths.geometry.pose import Pose, rotation_vector
 from procam.maths.geometry.ray_to_screen import RoundShape
-from procam.maths.geometry.sphere import direction_from_angles
+from procam.maths.geometry.sphere import (
+    ARCMIN,
+    angle_between,
+    direction_from_angles,
+    normalise,
+)
 from procam.model.optics import CameraModel, Fiducial, ProjectorModel, Sensor
 from simulators.builds import CameraBuild, ProjectorBuild
-from simulators.observations import camera_pixels, perturb_rig, simulate_observations
+from simulators.observations import (
+    camera_pixels,
+    lit_points,
+    perturb_rig,
+    simulate_observations,
+)
 from simulators.placement import place_cameras, place_projectors
 from simulators.presets import STANDARD, Preset
 from simulators.surface import Surface
@@ -116,6 +128,20 @@ class SimulatedDome:
             self.fiducials(),
         )
         return replace(problem, **changes)  # type: ignore[arg-type]
+
+    def direction_errors(self, found: GeometrySolution) -> tuple[np.ndarray, np.ndarray]:
+        """Errors and estimated standard errors [arcmin] over all lit pixels, thinned."""
+        errors, sigmas = [], []
+        for build in self.projectors:
+            fitted = fit_pixel_directions(found, build.name)
+            x, y = np.arange(7, build.size[0], 40), np.arange(9, build.size[1], 40)
+            pixels = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2).astype(float)
+            true = lit_points(self.surface, build, pixels)
+            lit = np.isfinite(true).all(axis=1)
+            estimate = fitted.directions(x, y).reshape(-1, 3)[lit]
+            errors.append(ARCMIN * angle_between(normalise(true[lit]), estimate))
+            sigmas.append(fitted.sigma_arcmin(x, y).ravel()[lit])
+        return np.concatenate(errors), np.concatenate(sigmas)
 
     def _camera(self, build: CameraBuild) -> CameraModel:
         return CameraModel(build.name, build.size, build.lens, SENSOR)

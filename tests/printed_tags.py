@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from procam.estimate.boards.targets import tag_cells
+from procam.maths.codes.april_tags import tag_cells
 from procam.maths.geometry.lenses import Lens, project, unproject
 from procam.maths.geometry.pose import Pose
 from procam.maths.geometry.sphere import direction_from_angles, intersect_sphere

@@ -20,7 +20,8 @@ from procam.compensate.fields import Fields
 from procam.compensate.perceptual.settings import PERCEPTUAL, Perceptual
 from procam.compensate.solved_frame import SolvedFrame, certificate
 from procam.errors import InputError
-from procam.kernels.frame import Coding, check_pictures, frame_apply, frame_sums, scattered_light
+from procam.kernels.frame.api import check_pictures, frame_apply, frame_sums, scattered_light
+from procam.kernels.frame.coding import Coding
 from procam.kernels.frame.reference import interpolated
 from procam.maths.light.transfer import transfer
 from procam.model.calibration import Calibration

@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 
 from procam.arrays import AnyArray, BoolArray, Image
-from procam.kernels.frame import Coding
-from procam.kernels.frame.coding import WHOLE
+from procam.kernels.frame.coding import WHOLE, Coding
 from procam.maths.codes.dither import TILE, dithered, threshold_tile
 from procam.maths.light.transfer import Transfer, transfer
 from procam.maths.log_table import LogTable

@@ -19,8 +19,10 @@ from procam.arrays import AnyArray, Array, BoolArray, FloatArray, Image
 from procam.compensate.fields import SAMPLE, Fields
 from procam.compensate.solver import Root
 from procam.errors import DidNotConverge
-from procam.kernels.frame import TERMS, Coding, FrameModel, frame_apply, frame_sums, scattered_light
-from procam.kernels.native.arrays import aligned_like
+from procam.kernels.frame.api import frame_apply, frame_sums, scattered_light
+from procam.kernels.frame.coding import Coding
+from procam.kernels.frame.model import TERMS, FrameModel
+from procam.kernels.native.arrays import aligned_empty
 
 CHANNELS = 3
 TOLERANCE = 2e-9  # of the moments, relative: the resolution of double sums of single light
@@ -111,7 +113,7 @@ class FrameEquations:
         self, content: AnyArray, coding: Coding, out: AnyArray | None
     ) -> tuple[AnyArray, Solution]:
         """Solve; the light to send, encoded as the content is, with its solution."""
-        target = aligned_like(content) if out is None else out
+        target = aligned_empty(content.shape, content.dtype) if out is None else out
         early = self.shown is self.model and not np.may_share_memory(content, target)
         solution, written = self.solve(content, coding, target if early else None)
         if not written:

@@ -15,7 +15,8 @@ import numpy as np
 from procam.arrays import AnyArray, Array, BoolArray, FloatArray, Image, IndexArray, Map
 from procam.compensate._continuation import WELL_LIT, continue_fields, lit_part
 from procam.errors import InputError
-from procam.kernels.frame import TERMS, FrameModel, scattered_light
+from procam.kernels.frame.api import scattered_light
+from procam.kernels.frame.model import TERMS, FrameModel
 from procam.kernels.frame.reference import ROWS, interpolated, monomials
 from procam.maths.geometry.canvas import STANDARD, Canvas
 from procam.maths.geometry.sphere import direction_from_angles, master_pixels

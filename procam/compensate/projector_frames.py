@@ -9,7 +9,8 @@ import numpy as np
 from procam.arrays import AnyArray, Array, FloatArray, Image
 from procam.errors import InputError, ShapeError
 from procam.kernels import WarpPlan, plan_warp, warp_frame
-from procam.kernels.warp.reference import KNOTS, TILE
+from procam.kernels.warp.reference import KNOTS
+from procam.maths.codes.dither import dithered
 from procam.maths.geometry.sphere import master_pixels
 from procam.maths.light.curves import invert_curve, srgb_decode
 from procam.maths.warp import sample
@@ -165,6 +166,4 @@ def _quantised(drive: Image, dtype: np.dtype[Any], thresholds: Image) -> AnyArra
         return drive
     if dtype == np.uint16:
         return np.rint(65535 * drive).astype(np.uint16)
-    height, width = drive.shape[:2]
-    tile = np.tile(thresholds, (-(-height // TILE), -(-width // TILE)))[:height, :width, None]
-    return np.minimum(255 * drive + tile, 255).astype(np.uint8)
+    return dithered(255 * drive, thresholds)

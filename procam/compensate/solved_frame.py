@@ -9,7 +9,8 @@ import numpy as np
 from procam.arrays import AnyArray, Array, Image
 from procam.compensate.equations import FrameEquations, Solution
 from procam.errors import InputError
-from procam.kernels.frame import Coding, frame_sums
+from procam.kernels.frame.api import frame_sums
+from procam.kernels.frame.coding import Coding
 
 if TYPE_CHECKING:
     from procam.compensate.perceptual.targets import Reached

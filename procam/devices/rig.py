@@ -15,10 +15,8 @@ from procam.devices.protocols import BackendRig, Camera, Clock, Power, Projector
 from procam.errors import DeviceError, InputError
 
 FROM_BACKEND = "backend"  # a control port that the backend provides
-WARM_UP_S, WARM_UP_POLL_S = (
-    240.0,
-    1.0,
-)  # of a lamp at the longest; three tries to ignite it take 100 s
+# of a lamp at the longest; three tries to ignite it take 100 s
+WARM_UP_S, WARM_UP_POLL_S = 240.0, 1.0
 
 
 @dataclass

@@ -21,6 +21,8 @@ from procam.model.quality import Figure, Goal
 from procam.model.screen import Dome
 from procam.model.transport import Measured, ScatterKernel
 
+# what reading a document raises that is damaged, or of another program
+DAMAGES = (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError)
 Bounds = tuple[float, float]
 ANY: Bounds = (-1e9, 1e9)  # of lengths, angles and pixels: wider than any rig
 POSITIVE: Bounds = (1e-9, 1e9)

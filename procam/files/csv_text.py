@@ -20,15 +20,6 @@ def csv_text(rows: Iterable[Iterable[object]]) -> str:
     return "".join(",".join(map(_cell, row)) + "\n" for row in rows)
 
 
-def without_mark(cell: str) -> str:
-    """A cell as it was before `csv_text` wrote it.
-
-    >>> without_mark("'=1+1"), without_mark("'s-Gravenhage")
-    ('=1+1', "'s-Gravenhage")
-    """
-    return cell[1:] if cell[:1] == MARK and cell[1:2] in FORMULA else cell
-
-
 def _cell(value: object) -> str:
     """A cell, in quotation marks if it has a character of CSV; a bare carriage return begins a row."""
     text = "" if value is None else str(value)

@@ -10,16 +10,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 
 from procam.errors import FileFormatError
-from procam.files.bundle import open_bundle
 from procam.files.bundle.manifest import FileEntry
 from procam.files.bundle.names import SESSION
+from procam.files.bundle.read import open_bundle
 from procam.files.calibration import load_calibration
 from procam.files.history.store import file_digest
 from procam.files.session import Session
-from procam.files.session_tables import first_finding, parse_object
+from procam.files.session_tables import checked, parse_object
 from procam.files.venue.load import Venue, load_venue
 from procam.files.venue.tables import Name
 from procam.model.calibration import Calibration
@@ -133,12 +133,7 @@ def _checked_index(directory: Path) -> DatasetIndex:
             f"{path} has schema_version {document.get('schema_version')!r}, and this version of procam reads "
             f"{SCHEMA}; use the version that wrote it"
         )
-    try:
-        index = DatasetIndex.model_validate(document)
-    except ValidationError as error:
-        raise FileFormatError(
-            f"{path} is damaged ({first_finding(error)}); get it again"
-        ) from error
+    index = checked(DatasetIndex, document, path, "get it again")
     needed = [f for s in index.sessions for f in (s.bundle, f"{s.truth}/calibration.json")]
     for name in dict.fromkeys([*needed, *_read_with(directory, index), *index.files]):
         _check_file(directory / name, index.files.get(name))

@@ -118,15 +118,7 @@ def _origin(directory: Path) -> _Origin | None:
     try:
         document = json.loads((directory / "calibration.json").read_bytes())
         return _of_document(directory, document)
-    except (
-        ArithmeticError,
-        AttributeError,
-        LookupError,
-        OSError,
-        RecursionError,
-        TypeError,
-        ValueError,
-    ):
+    except (*entries.DAMAGES, OSError):
         return None
 
 

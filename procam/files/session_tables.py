@@ -7,7 +7,7 @@ import json
 from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, StringConstraints, ValidationError
 
@@ -19,6 +19,7 @@ from procam.model.plan import Plan, Purpose, Shot
 
 SCHEMA = 1
 MAX_SHOWN = 40  # letters of a wrong name in a message
+Model = TypeVar("Model", bound=BaseModel)
 Positive = Annotated[FiniteFloat, Field(gt=0)]
 FileName = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9@._+-]*$")]
 # both are empty for the dark shot
@@ -82,12 +83,7 @@ def parse_plan(path: Path, content: bytes) -> Plan:
 def _shots(path: Path, entries: list[Any]) -> Iterator[Shot]:
     known = set[str]()
     for number, entry in enumerate(entries):
-        try:
-            shot = _Shot.model_validate(entry)
-        except ValidationError as error:
-            raise FileFormatError(
-                f"{path}: shot {number} is damaged ({first_finding(error)}); restore the file"
-            ) from error
+        shot = checked(_Shot, entry, f"{path}: shot {number}", "restore the file")
         if shot.id in known:
             raise FileFormatError(f"{path}: two shots are called {shot.id}; restore the file")
         known.add(shot.id)
@@ -103,13 +99,8 @@ def plan_text(plan: Plan) -> str:
 def parse_entry(path: Path, number: int, line: str) -> StoredFrame:
     """A line of an index; `path` and `number` are for the message of FileFormatError."""
     document = parse_object(path, line.encode())
-    try:
-        return StoredFrame.model_validate(document)
-    except ValidationError as error:
-        raise FileFormatError(
-            f"{path}: line {number} is damaged ({first_finding(error)}); restore the file, or remove the "
-            "line and capture again"
-        ) from error
+    remedy = "restore the file, or remove the line and capture again"
+    return checked(StoredFrame, document, f"{path}: line {number}", remedy)
 
 
 def parse_object(path: Path, content: bytes) -> dict[str, Any]:
@@ -125,7 +116,16 @@ def parse_object(path: Path, content: bytes) -> dict[str, Any]:
     return document
 
 
-def first_finding(error: ValidationError) -> str:
+def checked(model: type[Model], document: object, where: object, remedy: str) -> Model:
+    """A document as a model; `where` and `remedy` are for the message of FileFormatError."""
+    try:
+        return model.model_validate(document)
+    except ValidationError as error:
+        found = _first_finding(error)
+        raise FileFormatError(f"{where} is damaged ({found}); {remedy}") from error
+
+
+def _first_finding(error: ValidationError) -> str:
     """The first finding in words: which key, what is wrong."""
     wrong = error.errors()[0]
     text = wrong["msg"][0].lower() + wrong["msg"][1:]

@@ -237,11 +237,7 @@ def _checked_size(size: tuple[int, int]) -> tuple[int, int]:
 def _grey(photograph: AnyArray) -> AnyArray:
     """A photograph (H, W) in its own type: of colours the green, so that saturation stays visible."""
     known = np.asarray(photograph)
-    if (
-        known.dtype.kind not in "uf"
-        or known.ndim not in (2, 3)
-        or known.shape[2:] not in ((), (1,), (3,), (4,))
-    ):
+    if known.dtype.kind not in "uf" or known.ndim not in (2, 3) or known.shape[2:] not in CHANNELS:
         raise InputError(
             f"photograph: {known.dtype} of shape {known.shape}; give pixels (H, W) or (H, W, 3) as uint8, "
             "uint16 or float32"

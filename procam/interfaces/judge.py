@@ -271,8 +271,3 @@ def _within(errors: Array, limit: float, note: str) -> Figure:
     """The worst of signed errors, which must lie within +-limit."""
     worst = float(errors[np.argmax(np.abs(errors))])
     return Figure(worst, "-", Goal("abs<=", limit), len(errors), note)
-
-
-def failed(figures: Mapping[str, Figure]) -> list[str]:
-    """Names of the figures that miss their goal."""
-    return [name for name, figure in figures.items() if figure.passed is False]

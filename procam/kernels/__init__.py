@@ -1,7 +1,7 @@
 """The hot loops over pictures and observations, in C with a NumPy reference implementation of each.
 
 One package per kernel: `frame` compensates dome masters, `warp` makes projector frames, `search` finds
-columns from sinusoids, `bundle` sums normal equations, `areas` computes solid angles of pixels.
+columns from sinusoids, `bundle` sums normal equations.
 
 Each has an `api` that checks arguments, a `reference` in NumPy, and C headers. `native` compiles every
 header three times, for AVX-512, AVX2 and NEON or plain C, and chooses at run time (`active`, `use`, or
@@ -9,20 +9,20 @@ PROCAM_KERNELS in the environment). Without the library the reference implementa
 hold the library against them. Pictures are uint8, uint16, float16 or float32, geometry is float64.
 """
 
-from procam.kernels.areas import solid_angles
-from procam.kernels.bundle import (
+from procam.kernels.bundle.api import bundle_equations, bundle_residuals
+from procam.kernels.bundle.rays import fisheye_rays
+from procam.kernels.bundle.reference import (
     NormalEquations,
     ObservationBlock,
     PlacedDevice,
     ShapeDerivatives,
-    bundle_equations,
-    bundle_residuals,
-    fisheye_rays,
 )
-from procam.kernels.frame import frame_apply, frame_sums, scattered_light
+from procam.kernels.frame.api import frame_apply, frame_sums, scattered_light
 from procam.kernels.native.loader import LEVELS, active, available, forced, use
-from procam.kernels.search import PhaseFit, search_phase
-from procam.kernels.warp import WarpPlan, plan_warp, warp_frame
+from procam.kernels.search.api import search_phase
+from procam.kernels.search.reference import PhaseFit
+from procam.kernels.warp.api import plan_warp, warp_frame
+from procam.kernels.warp.reference import WarpPlan
 
 __all__ = [
     "LEVELS",
@@ -43,7 +43,6 @@ __all__ = [
     "plan_warp",
     "scattered_light",
     "search_phase",
-    "solid_angles",
     "use",
     "warp_frame",
 ]

@@ -14,7 +14,8 @@ import numpy as np
 State = TypeVar("State")
 Trial = Callable[[float], State]
 
-MIN_DAMPING, MAX_DAMPING = 1e-12, 1e12  # shares of the diagonal
+FIRST_DAMPING, MIN_DAMPING, MAX_DAMPING = 1e-4, 1e-12, 1e12  # shares of the diagonal
+LEAST_GAIN = 1e-11  # of a step, relative: below, the descent ends
 RAISE, LOWER = 8.0, 64.0  # a successful step lowers the damping by LOWER / RAISE
 
 
@@ -24,8 +25,6 @@ def minimise(
     linearise: Callable[[State], Trial[State]],
     *,
     iterations: int = 200,
-    damping: float = 1e-4,
-    tolerance: float = 1e-11,
 ) -> tuple[State, bool]:
     """Descend from a state to the nearest minimum of a cost.
 
@@ -34,14 +33,12 @@ def minimise(
     cost : the value to minimise; infinite or NaN where a state is impossible.
     linearise : builds the normal equations at a state; returns the function from damping to trial state.
     iterations : most linearisations.
-    damping : of the first trial; small where the start is near or directions are weakly determined.
-    tolerance : the relative gain of a step below which the descent ends.
 
     Returns
     -------
     state, converged : where the descent ended, and whether it ended before `iterations`.
     """
-    value = cost(state)
+    value, damping = cost(state), FIRST_DAMPING
     for _ in range(iterations if np.isfinite(value) else 0):
         trial_at = linearise(state)
         trial, new = state, np.inf
@@ -53,6 +50,6 @@ def minimise(
             damping *= RAISE
         gain = (value - new) / max(value, 1e-30)
         state, value, damping = trial, new, max(damping / LOWER, MIN_DAMPING)
-        if gain < tolerance:
+        if gain < LEAST_GAIN:
             return state, True
     return state, False

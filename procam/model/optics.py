@@ -9,18 +9,6 @@ from procam.arrays import Array
 from procam.maths.geometry.lenses import Lens
 from procam.maths.geometry.pose import Pose
 
-__all__ = [
-    "AprilTag",
-    "CameraModel",
-    "Distance",
-    "Fiducial",
-    "Lens",
-    "Pose",
-    "ProjectorModel",
-    "Sensor",
-    "TagFamily",
-    "tag_name",
-]
 TagFamily = Literal["36h11", "25h9", "16h5"]
 USUAL_FAMILY: TagFamily = "36h11"
 TAG_COUNTS: dict[TagFamily, int] = {"36h11": 587, "25h9": 35, "16h5": 30}

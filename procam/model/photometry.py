@@ -57,6 +57,24 @@ class Departure:
         return f"{self.place} by {self.size:+.3f} of white"
 
 
+def departures(step: Array, sigma: Array, drives: Array) -> list[Departure]:
+    """Of differences (L, C) at drives (L,) the clearest of the channels' mean, then those of each channel."""
+    columns: list[tuple[int | None, Array, Array]] = [
+        (None, step.mean(axis=1), np.sqrt((sigma**2).sum(axis=1)) / sigma.shape[1])
+    ]
+    columns += [(c, step[:, c], sigma[:, c]) for c in range(step.shape[1])]
+    return [
+        max(
+            (
+                Departure(float(size), float(error), float(drive), channel)
+                for size, error, drive in zip(sizes, errors, drives, strict=True)
+            ),
+            key=lambda departure: departure.excess,
+        )
+        for channel, sizes, errors in columns
+    ]
+
+
 @dataclass(frozen=True, slots=True)
 class AbsoluteColour:
     """What content light is in absolute units, by a hand meter.

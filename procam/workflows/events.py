@@ -1,7 +1,6 @@
 """Workflows are generators of events that return a result: commands, reports and tests read one stream."""
 
-from collections.abc import Generator, Iterator
-from contextlib import contextmanager
+from collections.abc import Generator
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -18,15 +17,3 @@ class Event:
 
 Result = TypeVar("Result")
 Steps = Generator[Event, None, Result]  # a workflow
-
-
-@contextmanager
-def ended_with(steps: Steps[Result]) -> Iterator[None]:
-    """End a workflow with the block, also where it stands between two events.
-
-    Without this it would keep its devices until somebody looks for it.
-    """
-    try:
-        yield
-    finally:
-        steps.close()

@@ -20,7 +20,7 @@ from procam.maths.geometry.sphere import (
     master_pixels,
     master_solid_angles,
 )
-from procam.maths.light.box_solver import solve_flux
+from procam.maths.light.box_solver import solve_moments
 from procam.maths.light.radiosity import add_interreflection, floor_return, sphere_scatter
 from procam.maths.warp import sample
 from procam.model.calibration import Calibration
@@ -303,7 +303,8 @@ def checkerboard_contrast(
     scatter, lo, hi = np.full(2, feedback), np.full(2, black), np.ones(2)
     if compensated:
         target = wanted - ambient
-        wanted = target - scatter * solve_flux(target, scatter, area, lo, hi)
+        flux = solve_moments(target, scatter[:, None], area[:, None], lo, hi)
+        wanted = target - scatter * flux
     direct = np.clip(wanted, lo, hi)
     total = add_interreflection(direct[:, None], scatter[:, None], area)[:, 0] + ambient
     return _ratio(float(total[0]), float(total[1]))

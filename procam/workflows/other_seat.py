@@ -17,9 +17,8 @@ from procam.model.quality import Figure
 from procam.workflows.comparison import compare
 
 SIGMA = "direction_sigma_relative_arcmin"
-SERVED = (
-    "server_misalignment_rms_arcmin"  # behind a media server directions are given, not measured
-)
+# behind a media server directions are given, not measured
+SERVED = "server_misalignment_rms_arcmin"
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,6 +23,7 @@ from procam.workflows.sample_content import half_sky, white
 SIZE = 1024  # px of the dome masters
 MASTERS = "dome-masters"
 WITHOUT, WITH = "uncompensated", "compensated"
+METHODS = {WITHOUT: "none", WITH: "exact"}
 LINES_DEG, LABELS_DEG = 15.0, 30  # of the grid
 LINE_DEG = 0.6
 DOT_DEG = 0.9  # of the labels' digits, 3 x 5 dots
@@ -105,13 +106,13 @@ STILLS: Mapping[str, tuple[Callable[[int], Image], str]] = {
 }
 
 
-def write_stills(calibration: Calibration, folder: Path, size: int = SIZE) -> Steps[list[str]]:
+def write_stills(calibration: Calibration, folder: Path, size: int = SIZE) -> Steps[None]:
     """Write FOLDER/dome-masters/NAME.HOW.png, FOLDER/PROJECTOR/NAME.HOW.png and index.txt, 8 bits sRGB.
 
     Dome masters are on the standard canvas.
 
     HOW is "compensated" or "uncompensated". A calibration without projectors gives dome masters only. An
-    event per picture; the paths of all are returned.
+    event per picture.
 
     Raises
     ------
@@ -121,20 +122,16 @@ def write_stills(calibration: Calibration, folder: Path, size: int = SIZE) -> St
     require_photometry(calibration)
     calibration = calibration.on(STANDARD)
     warper = Warper(calibration, size) if calibration.projectors else None
-    makers = {how: Compensator(calibration, size, m) for how, m in _methods()}
-    paths: list[str] = []
+    makers = {how: Compensator(calibration, size, m) for how, m in METHODS.items()}
     for done, (name, (draw, _)) in enumerate(STILLS.items(), 1):
         content = np.rint(srgb_encode(np.clip(draw(size), 0, 1)) * 255).astype(np.uint8)
         for how, maker in makers.items():
             master = np.asarray(maker.frame(content), np.uint8)
             frames = warper.frame(master) if warper else {}
             for where, picture in {MASTERS: master, **frames}.items():
-                path = folder / where / f"{name}.{how}.png"
-                write_image(path, picture)
-                paths.append(str(path))
+                write_image(folder / where / f"{name}.{how}.png", picture)
         yield Event("stills", done, len(STILLS), name)
     atomic.write_text(folder / "index.txt", index_text(list(calibration.projectors)))
-    return paths
 
 
 def index_text(projectors: list[str]) -> str:
@@ -150,11 +147,6 @@ def index_text(projectors: list[str]) -> str:
         *(f"{name}\n  {text}\n" for name, (_, text) in STILLS.items()),
     ]
     return "\n".join(lines)
-
-
-def _methods() -> Iterator[tuple[str, str]]:
-    yield WITHOUT, "none"
-    yield WITH, "exact"
 
 
 def _angles(size: int) -> tuple[Array, Array, BoolArray]:

@@ -7,7 +7,7 @@ twice a second by a watchdog. The rig is opened once, outside the workflow, and 
 
 import os
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, closing, contextmanager
 from datetime import datetime, time
 from functools import partial
 from signal import SIGINT, Signals
@@ -20,7 +20,7 @@ from procam.errors import DeviceError, InputError, ProcamError
 from procam.files.venue.commands import command_words
 from procam.files.venue.load import Venue
 from procam.files.venue.tables import UnattendedTable
-from procam.workflows.events import Result, Steps, ended_with
+from procam.workflows.events import Result, Steps
 from procam.workflows.programs import run_program
 from procam.workflows.venue_rig import open_rig, rig_owner
 from procam.workflows.watchdog import LATE_S, Stopped, Watchdog, ask, print_line, state_in_words
@@ -55,7 +55,7 @@ class Unattended:
     def watch(self, steps: Steps[Result]) -> Steps[Result]:
         """The events of a workflow, which ends when its light was taken, and its result."""
         assert self._guard is not None
-        with ended_with(steps):
+        with closing(steps):  # also where it is between two events
             while True:
                 try:
                     event = next(steps)

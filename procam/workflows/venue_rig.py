@@ -7,7 +7,8 @@ from functools import cache
 from procam.devices.protocols import BackendRig, ProjectorControl, SystemClock
 from procam.devices.rig import FROM_BACKEND, Rig, known_backends, open_backend, open_control
 from procam.errors import InputError
-from procam.files.venue.load import BY_HAND, Venue
+from procam.files.venue.load import Venue
+from procam.files.venue.tables import BY_HAND
 
 NO_BACKEND = BackendRig({}, {}, SystemClock())
 

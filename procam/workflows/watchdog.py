@@ -71,9 +71,8 @@ class Watchdog:
         self, guard: Guard, question: Callable[[], None], late: str, give_up: Taken
     ) -> None:
         self._guard, self._question, self._late, self._give_up = guard, question, late, give_up
-        self._calls: SimpleQueue[int] = (
-            SimpleQueue()
-        )  # a signal's number, or 0 when the rig is left
+        # a signal's number, or 0 when the rig is left
+        self._calls: SimpleQueue[int] = SimpleQueue()
         self._left = False
         self._watching: Future[None] | None = None
 

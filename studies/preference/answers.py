@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from procam.errors import FileFormatError, InputError
-from procam.files.csv_text import without_mark
+from procam.files.csv_text import FORMULA, MARK
 from studies.preference.plan import Plan, Question
 
 COLUMNS = (
@@ -181,3 +181,12 @@ def _rows(path: Path) -> Iterator[tuple[str, Row]]:
                 f"{AGAIN}"
             )
         yield f"{path}:{number}", dict(zip(header, cells, strict=True))
+
+
+def without_mark(cell: str) -> str:
+    """A cell as it was before `csv_text` wrote it.
+
+    >>> without_mark("'=1+1"), without_mark("'s-Gravenhage")
+    ('=1+1', "'s-Gravenhage")
+    """
+    return cell[1:] if cell[:1] == MARK and cell[1:2] in FORMULA else cell

@@ -13,9 +13,8 @@ from procam.files.calibration import load_dome
 from procam.files.images.stills import square_edge
 from procam.workflows.events import Event, Steps
 from procam.workflows.playout.compensate import run_key
-from procam.workflows.playout.explain import first_frame
 from procam.workflows.playout.frame import FrameSettings, named_transfer, require_photometry
-from procam.workflows.playout.sources import ClipFrame
+from procam.workflows.playout.sources import ClipFrame, first_frame
 from studies.preference.pictures import PictureMaker
 from studies.preference.plan import PAGE, PLAN, Picture, Plan, Question
 from studies.preference.wanted import Wanted

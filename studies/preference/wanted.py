@@ -7,8 +7,8 @@ from pathlib import Path
 
 from procam.compensate.perceptual.settings import PERCEPTUAL
 from procam.errors import InputError
+from procam.workflows.playout.explain import METHODS
 from procam.workflows.playout.frame import FrameSettings
-from procam.workflows.playout.preview import METHODS
 from studies.preference.plan import Pair
 
 CATCH = ("exact", "none")  # the two that differ most, so that whoever looks sees a difference

@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 from serial_bench import COOL_DOWN_S, MAKES, Bench, do_everything, message, shown
 
-from procam.devices.control.projector_control import open_serial_control
+from procam.devices.control.projector_control import SerialProjectorControl, open_serial_control
 from procam.devices.control.serial_link import GarbledReply
 from procam.devices.protocols import Power
 from procam.errors import DeviceError, DeviceTimeout, InputError, NotConnected, WrongState
@@ -107,27 +107,22 @@ class TestWire:
         assert f"refused {shown(bench.table.power.command)} with" in text
 
 
-class TestCable:
-    def test_a_port_that_is_not_there(self, bench: Bench) -> None:
-        bench.emulator.unplug()
-        text = message(
-            NotConnected,
-            bench,
-            lambda: open_serial_control(
-                bench.emulator.port, bench.protocol, clock=bench.clock, name="north"
-            ),
-        )
-        assert "check that the cable is plugged in" in text
+def opened(bench: Bench) -> SerialProjectorControl:
+    """Another control at the same port."""
+    return open_serial_control(bench.emulator.port, bench.protocol, clock=bench.clock, name="north")
 
-    def test_a_port_that_another_program_holds(self, bench: Bench) -> None:
-        text = message(
-            NotConnected,
-            bench,
-            lambda: open_serial_control(
-                bench.emulator.port, bench.protocol, clock=bench.clock, name="north"
-            ),
-        )
-        assert "no other program holds it" in text
+
+class TestCable:
+    @pytest.mark.parametrize(
+        ("there", "words"),
+        [(False, "check that the cable is plugged in"), (True, "no other program holds it")],
+    )
+    def test_a_port_that_cannot_be_had(self, bench: Bench, there: bool, words: str) -> None:
+        """As it is not there, or another program has it."""
+        if not there:
+            bench.emulator.unplug()
+        text = message(NotConnected, bench, lambda: opened(bench))
+        assert words in text
 
     def test_unplugged_between_two_commands(self, bench: Bench) -> None:
         bench.control.state()
@@ -155,9 +150,7 @@ class TestCable:
 
     def test_a_closed_control_releases_the_port(self, bench: Bench) -> None:
         bench.control.close()
-        control = open_serial_control(
-            bench.emulator.port, bench.protocol, clock=bench.clock, name="north"
-        )
+        control = opened(bench)
         assert control.state().power is Power.ON
         control.close()
 

@@ -1,13 +1,13 @@
 """Standard errors of lenses on boards and lenses outside the models; studies/boards.md has 100 seeds."""
 
 import json
-from importlib import resources
 
 import numpy as np
 import pytest
+from real_captures import ov_plane_views
 
-from procam.estimate.boards.camera import BoardView, CameraFit, fit_camera
-from procam.maths.geometry.lens_derivatives import lens_parameters
+from procam.estimate.boards.camera import CameraFit, fit_camera
+from procam.maths.geometry.lenses import lens_parameters
 from studies import boards as study
 from studies.measure import HERE
 
@@ -32,22 +32,9 @@ def test_prisms_before_a_curled_board(command: str, seeds: int) -> None:
     assert np.median(ratio) >= 0.7
 
 
-def real_views() -> list[BoardView]:
-    """All photographs of the real fisheye; see calib_data/captures/README.md."""
-    path = resources.files("calib_data") / "captures" / "ov_plane_corners.npz"
-    with path.open("rb") as file, np.load(file) as data:
-        board, splits = data["board_m"], {name: data[name] for name in ("train", "test")}
-    return [
-        BoardView(f"{name}-{view}", board[part["corner"]], part["pixel"].astype(float))
-        for name, rows in splits.items()
-        for view in np.unique(rows["view"])
-        for part in [rows[rows["view"] == view]]
-    ]
-
-
 def test_halves_of_a_real_set_agree() -> None:
     """With sigmas from noise alone they differ by up to 13 sigma."""
-    views = real_views()
+    views = [*ov_plane_views("train"), *ov_plane_views("test")]
     middle = len(views) // 2
     one, other = (
         fit_camera(half, (1280, 800), "kannala-brandt") for half in (views[:middle], views[middle:])

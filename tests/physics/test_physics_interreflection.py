@@ -8,150 +8,133 @@ import numpy as np
 import pytest
 from tolerances import CLOSED_FORM, SOLVER
 
+from procam.errors import InputError
 from procam.maths.light.radiosity import (
     add_interreflection,
     albedo_from_feedback,
     remove_interreflection,
+    sphere_scatter,
 )
-from studies.closed_forms import remove_interreflection_paper
-
-PATCHES = 400
-SPHERE_SR = 4 * np.pi
-
-
-class Screen:
-    """Patches of a sphere: `lit`, then unlit but reflecting; the rest of the sphere is open."""
-
-    def __init__(self, lit_share: float, unlit_share: float, albedo: float, spread: float) -> None:
-        rng = np.random.default_rng(17)
-        self.lit = np.arange(PATCHES) < PATCHES * 3 // 5
-        solid = rng.uniform(0.2, 1, PATCHES)
-        for group, share in ((self.lit, lit_share), (~self.lit, unlit_share)):
-            solid[group] *= share * SPHERE_SR / solid[group].sum()
-        self.solid = solid
-        self.albedo = albedo * (1 + spread * rng.uniform(-1, 1, PATCHES))
-
-    def dense(self, direct: np.ndarray) -> np.ndarray:
-        """Total radiosity (N, C) after all bounces; direct light on lit patches alone."""
-        form_factors = np.broadcast_to(self.solid / SPHERE_SR, (PATCHES, PATCHES))
-        system = np.eye(PATCHES) - self.albedo[:, None] * form_factors
-        return np.linalg.solve(system, np.where(self.lit[:, None], direct, 0.0))
-
-    def image(self, seed: int) -> np.ndarray:
-        """A random picture (N, 3), dark outside the lit part."""
-        light = np.random.default_rng(seed).uniform(0, 1, (PATCHES, 3)) ** 3
-        return np.where(self.lit[:, None], light, 0.0)
-
-    def measured_scatter(self, seed: int) -> np.ndarray:
-        """u on the lit patches, from one known picture."""
-        direct = self.image(seed)
-        flux = self.solid @ direct
-        return (self.dense(direct) - direct)[self.lit] / flux
-
-
-SCREENS = {
-    "half sphere, all lit": Screen(0.5, 1e-12, 0.5, 0.0),
-    "unlit strip": Screen(0.45, 0.05, 0.5, 0.0),
-    "bright, patchy, much unlit": Screen(0.3, 0.2, 0.8, 0.15),
-    "nearly closed": Screen(0.6, 0.38, 0.7, 0.1),
-}
-
-
-@pytest.mark.parametrize("name", SCREENS)
-class TestMeasuredForm:
-    def test_one_picture_predicts_every_other(self, name: str) -> None:
-        screen = SCREENS[name]
-        u, direct = screen.measured_scatter(1), screen.image(2)
-        expected = screen.dense(direct)[screen.lit]
-        found = add_interreflection(direct[screen.lit], u, screen.solid[screen.lit])
-        np.testing.assert_allclose(found, expected, rtol=SOLVER)
-
-    def test_removing_needs_the_lit_part_alone(self, name: str) -> None:
-        screen = SCREENS[name]
-        u, direct = screen.measured_scatter(1), screen.image(3)
-        total = screen.dense(direct)[screen.lit]
-        found = remove_interreflection(total, u, screen.solid[screen.lit])
-        np.testing.assert_allclose(found, direct[screen.lit], atol=SOLVER)
-
-    def test_feedback_by_the_general_form(self, name: str) -> None:
-        """m = sum_L a rho / (A_s - sum of ALL a rho)."""
-        screen = SCREENS[name]
-        feedback = screen.solid[screen.lit] @ screen.measured_scatter(1)
-        weight = screen.solid * screen.albedo
-        expected = weight[screen.lit].sum() / (SPHERE_SR - weight.sum())
-        np.testing.assert_allclose(feedback, expected, rtol=SOLVER)
-
-    def test_bounce_by_bounce(self, name: str) -> None:
-        """b^m = (rho / A_s) kappa^(m-1) (a.b0), (I8)."""
-        screen, direct = SCREENS[name], SCREENS[name].image(4)
-        kappa = screen.solid @ screen.albedo / SPHERE_SR
-        light = direct
-        for number in range(1, 5):
-            light = screen.albedo[:, None] * (screen.solid @ light) / SPHERE_SR
-            expected = screen.albedo[:, None] / SPHERE_SR * kappa ** (number - 1)
-            np.testing.assert_allclose(light, expected * (screen.solid @ direct), rtol=SOLVER)
-
-
-@pytest.mark.parametrize(
-    ("albedo", "feedback"),
-    [(0.3, 0.176), (0.4, 0.25), (0.5, 0.333), (0.6, 0.429), (0.7, 0.538), (0.8, 0.667)],
+from studies.closed_forms import (
+    add_interreflection_paper,
+    add_zoned_interreflection,
+    bounce,
+    bounce_paper,
+    remove_zoned_interreflection,
 )
-def test_integrating_half_sphere(albedo: float, feedback: float) -> None:
-    """m = kappa / (1 - kappa) with kappa = rho / 2 (I13)."""
-    screen = Screen(0.5, 1e-15, albedo, 0.0)
-    found = screen.solid[screen.lit] @ screen.measured_scatter(1)
-    kappa = albedo / 2
-    np.testing.assert_allclose(found, kappa / (1 - kappa), rtol=SOLVER)
-    assert found[0] == pytest.approx(feedback, abs=5e-4)
+
+COUNT = 300
 
 
-@pytest.mark.parametrize("albedo", [0.3, 0.55, 0.8])
-def test_albedo_from_the_feedback_of_a_partly_lit_cap(albedo: float) -> None:
-    screen = Screen(0.4, 0.1, albedo, 0.0)
-    feedback = screen.solid[screen.lit] @ screen.measured_scatter(1)
-    lit_sr = float(screen.solid[screen.lit].sum())
-    found = albedo_from_feedback(feedback, lit_sr, float(screen.solid.sum()))
-    np.testing.assert_allclose(found, albedo, rtol=SOLVER)
+class Sphere:
+    """Patches of a sphere of which some are open; light is solved with matrices."""
 
-
-class TestPaperToTheLetter:
-    """Eqs 10 and 12 with the lit area alone: wrong by a known amount, which a round trip hides."""
-
-    @pytest.mark.parametrize(("albedo", "percent"), [(0.5, -12.0), (0.8, -21.0)])
-    def test_equation_10_understates_the_scattered_light(
-        self, albedo: float, percent: float
+    def __init__(
+        self, reflecting: float, lit: float, albedo: float, variation: float = 0.0
     ) -> None:
-        screen = Screen(0.3, 0.2, albedo, 0.0)
-        direct = screen.image(5)
-        true = (screen.dense(direct) - direct)[screen.lit]
-        lit_sr = screen.solid[screen.lit].sum()
-        paper = albedo / (SPHERE_SR - lit_sr * albedo) * (screen.solid @ direct)
-        ratio = np.unique((paper / true).round(9))
-        np.testing.assert_allclose(ratio, (1 - albedo * 0.5) / (1 - albedo * 0.3), rtol=1e-8)
-        assert 100 * (ratio[0] - 1) == pytest.approx(percent, abs=0.5)
+        rng = np.random.default_rng(3)
+        self.solid = rng.uniform(0.3, 1, COUNT)
+        self.lit = np.arange(COUNT) < COUNT // 2
+        for group, share in ((self.lit, lit), (~self.lit, reflecting - lit)):
+            self.solid[group] *= 4 * np.pi * share / self.solid[group].sum()
+        self.albedo = albedo * (1 + variation * rng.uniform(-1, 1, (COUNT, 1)))
+        self.direct = np.where(self.lit[:, None], rng.uniform(0, 1, (COUNT, 1)), 0)
+        self.factors = np.broadcast_to(self.solid / (4 * np.pi), (COUNT, COUNT))
 
-    @pytest.mark.parametrize("albedo", [0.5, 0.8])
-    def test_equation_12_removes_too_little(self, albedo: float) -> None:
-        """It removes 1 - rho f_U of the scattered light."""
-        screen = Screen(0.3, 0.2, albedo, 0.0)
-        direct = screen.image(6)
-        total = screen.dense(direct)[screen.lit]
-        true = total - direct[screen.lit]
-        solid = screen.solid[screen.lit]
-        paper = remove_interreflection_paper(total, np.full((solid.size, 1), albedo), solid)
-        np.testing.assert_allclose((total - paper) / true, 1 - albedo * 0.2, rtol=SOLVER)
+    def total(self) -> np.ndarray:
+        return np.linalg.solve(np.eye(COUNT) - self.albedo * self.factors, self.direct)
 
-    def test_a_round_trip_hides_it(self) -> None:
-        screen = Screen(0.3, 0.2, 0.8, 0.0)
-        direct, solid = screen.image(7)[screen.lit], screen.solid[screen.lit]
-        total = direct + 0.8 / (SPHERE_SR - 0.8 * solid.sum()) * (solid @ direct)
-        back = remove_interreflection_paper(total, np.full((solid.size, 1), 0.8), solid)
-        np.testing.assert_allclose(back, direct, atol=CLOSED_FORM)
 
-    def test_with_all_that_reflects_it_is_exact(self) -> None:
-        screen = SCREENS["bright, patchy, much unlit"]
-        direct = screen.image(8)
-        back = remove_interreflection_paper(
-            screen.dense(direct), screen.albedo[:, None], screen.solid
+class TestSphere:
+    @pytest.mark.parametrize("albedo", [0.3, 0.8])
+    def test_closed_form_from_the_albedo_of_all_that_reflects(self, albedo: float) -> None:
+        room = Sphere(0.5, 0.3, albedo, variation=0.2)
+        u = sphere_scatter(room.albedo, room.solid)
+        found = add_interreflection(room.direct, u, room.solid)
+        np.testing.assert_allclose(found, room.total(), atol=SOLVER)
+
+    @pytest.mark.parametrize(
+        ("reflecting", "lit", "albedo"), [(0.5, 0.45, 0.5), (0.5, 0.3, 0.8), (0.98, 0.6, 0.7)]
+    )
+    def test_scatter_measured_with_one_picture_serves_every_other(
+        self, reflecting: float, lit: float, albedo: float
+    ) -> None:
+        """Of the lit part alone, whatever else reflects."""
+        room = Sphere(reflecting, lit, albedo, variation=0.15)
+        solid, first = room.solid[room.lit], room.direct[room.lit]
+        u = (room.total()[room.lit] - first) / (solid @ first)
+        room.direct = room.direct**3
+        second, total = room.direct[room.lit], room.total()[room.lit]
+        np.testing.assert_allclose(add_interreflection(second, u, solid), total, rtol=SOLVER)
+        np.testing.assert_allclose(remove_interreflection(total, u, solid), second, atol=SOLVER)
+
+    @pytest.mark.parametrize("albedo", [0.3, 0.55, 0.8])
+    def test_albedo_from_the_feedback_of_a_partly_lit_cap(self, albedo: float) -> None:
+        room = Sphere(0.5, 0.4, albedo)
+        solid, first = room.solid[room.lit], room.direct[room.lit]
+        feedback = solid @ (room.total()[room.lit] - first) / (solid @ first)
+        found = albedo_from_feedback(feedback, float(solid.sum()), float(room.solid.sum()))
+        np.testing.assert_allclose(found, albedo, rtol=SOLVER)
+
+    def test_bounces_one_by_one(self) -> None:
+        """Each is F times the one before; together they are all the light there is."""
+        room = Sphere(0.6, 0.4, 0.5, variation=0.3)
+        light, total = room.direct, room.direct
+        for order in range(1, 80):
+            light = room.albedo * (room.factors @ light)
+            found = bounce(room.direct, room.albedo, room.solid, order)
+            np.testing.assert_allclose(found, light, atol=1e-15, rtol=1e-10)
+            total = total + found
+        np.testing.assert_allclose(total, room.total(), atol=SOLVER)
+
+    @pytest.mark.parametrize(("albedo", "short"), [(0.5, 0.12), (0.8, 0.21)])
+    def test_the_paper_with_lit_area_alone_understates(self, albedo: float, short: float) -> None:
+        """By (1 - rho f_R) / (1 - rho f_L), f_R = 0.5 and f_L = 0.3 (docs/theory/interreflection.md)."""
+        room = Sphere(0.5, 0.3, albedo)
+        lit = room.lit
+        estimate = add_interreflection_paper(room.direct[lit], albedo, room.solid[lit])
+        ratio = (estimate - room.direct[lit]) / (room.total() - room.direct)[lit]
+        np.testing.assert_allclose(ratio, (1 - albedo * 0.5) / (1 - albedo * 0.3), rtol=1e-9)
+        assert 1 - ratio.mean() == pytest.approx(short, abs=0.005)
+
+    def test_the_paper_is_exact_where_all_that_reflects_is_given(self) -> None:
+        room = Sphere(0.5, 0.3, 0.5)
+        estimate = add_interreflection_paper(room.direct, 0.5, room.solid)
+        np.testing.assert_allclose(estimate, room.total(), atol=SOLVER)
+        for order in (1, 2, 5):
+            np.testing.assert_allclose(
+                bounce_paper(room.direct, 0.5, room.solid, order),
+                bounce(room.direct, room.albedo, room.solid, order),
+                rtol=CLOSED_FORM,
+            )
+
+    @pytest.mark.parametrize("port", [0.02, 0.4])
+    def test_integrating_sphere(self, port: float) -> None:
+        """Goebel 1967: M = rho / (1 - rho (1 - f_port)) of the light of a lamp on the wall."""
+        room = Sphere(1 - port, 0.5, 0.9)
+        u = sphere_scatter(room.albedo, room.solid)
+        flux = room.solid @ room.direct
+        multiplier = 4 * np.pi * u * flux / (flux * room.albedo) * room.albedo
+        np.testing.assert_allclose(multiplier, 0.9 / (1 - 0.9 * (1 - port)), rtol=1e-9)
+
+    def test_a_furnace_is_refused(self) -> None:
+        room = Sphere(1.0, 0.5, 1.0)
+        with pytest.raises(InputError, match="1 of its light at every bounce"):
+            sphere_scatter(room.albedo, room.solid)
+
+
+class TestZones:
+    def test_one_zone_is_the_measured_form(self) -> None:
+        room = Sphere(0.5, 0.3, 0.5, variation=0.3)
+        u = sphere_scatter(room.albedo, room.solid)
+        found = add_zoned_interreflection(room.direct, u[None], room.solid[None])
+        np.testing.assert_allclose(found, add_interreflection(room.direct, u, room.solid))
+
+    def test_removing_undoes_adding(self) -> None:
+        rng = np.random.default_rng(5)
+        scatter, direct = rng.uniform(0, 0.1, (7, 50, 3)), rng.uniform(0, 1, (50, 3))
+        collect = rng.uniform(0, 0.2, (7, 50)) * (rng.random((7, 50)) < 0.3)
+        total = add_zoned_interreflection(direct, scatter, collect)
+        np.testing.assert_allclose(
+            remove_zoned_interreflection(total, scatter, collect), direct, atol=SOLVER
         )
-        np.testing.assert_allclose(back, direct, atol=SOLVER)

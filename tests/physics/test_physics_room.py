@@ -115,15 +115,6 @@ class TestBlackDeck:
         # 288 patches: the largest of so many normals stays below 4.5
         assert np.abs(light.mean(axis=0)).max() < 4.5 * sigma
 
-    def test_row_sums_are_one_less_the_opening(self, trace: Tracer) -> None:
-        """A sphere's patch sends equal shares to equal parts of the sphere: half to the cap, what
-        lies below the deck's plane to the deck, and the rest out of the gap between them."""
-        rooms = trace(IDEAL)
-        to_deck = (1 - np.sin(np.radians(IDEAL.tilt_deg))) / 2
-        sums = [r.exchange.sum(axis=1, dtype=float) for r in rooms]
-        _judge([_mean(r, s) for r, s in zip(rooms, sums, strict=True)], 0.5 + to_deck, 3e-4)
-        assert max(s.max() for s in sums) <= 1 + FLOAT32
-
     def test_shares_of_cap_and_deck(self, trace: Tracer) -> None:
         rooms = trace(IDEAL)
         to_deck = (1 - np.sin(np.radians(IDEAL.tilt_deg))) / 2
@@ -165,16 +156,6 @@ class TestDeck:
         difference = values / self._expected(preset, flux) - 1
         error = difference.std(ddof=1) / np.sqrt(REPLICATES)
         assert SIGMAS * error < difference.mean() < 0.01
-
-    def test_it_adds_as_much_as_in_path_tracing(self, trace: Tracer) -> None:
-        """Deck albedo 0.3 under a half sphere of albedo 0.5 adds 45 % to the scattered light."""
-        bright = replace(CLOSED, floor_albedo=WHITE_DECK)
-        rooms = {CLOSED: trace(CLOSED, count=2), bright: trace(bright)}
-        light = {
-            preset: np.mean([_mean(r, r.irradiance(_one_sided(r))[:, 0]) for r in several])
-            for preset, several in rooms.items()
-        }
-        assert light[bright] / light[CLOSED] - 1 == pytest.approx(0.45, abs=0.01)
 
     def test_albedo_comes_back_from_the_feedback(self, trace: Tracer) -> None:
         rooms = trace(replace(CLOSED, floor_albedo=WHITE_DECK))

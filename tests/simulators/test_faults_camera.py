@@ -12,7 +12,6 @@ from procam.model.frame import CameraSettings, Frame
 from simulators.faults import (
     AMBIENT_PER_S,
     BLACK_DN,
-    CAMERA_FAULTS,
     DIM_SHARE,
     IRIS_SHARE,
     METERED_LEVEL,
@@ -84,12 +83,6 @@ def test_an_unknown_fault_is_refused(rig: BackendRig) -> None:
         InputError, match=r"faults gremlins: the known ones are ambient-light, auto-"
     ):
         apply_faults(rig, {}, ("gremlins",))
-
-
-@pytest.mark.parametrize("name", CAMERA_FAULTS)
-def test_cameras_keep_name_and_size(name: str, rig: BackendRig) -> None:
-    camera = apply_faults(rig, {}, (name,)).cameras["camera"]
-    assert (camera.name, camera.size) == ("plain", (2, 2))
 
 
 def test_automatic_exposure_ignores_the_settings_but_reports_them(rig: BackendRig) -> None:

@@ -55,10 +55,6 @@ class TestNames:
         assert scene.lights["north"].build.features.white_boost == 0.25
         assert scene.lights["south"].build.features == Features()
 
-    def test_as_in_venue_toml(self) -> None:
-        named = Features.named({"white-boost": 0.25, "iris-s": 3})
-        assert named == Features(white_boost=0.25, iris_s=3)
-
     @pytest.mark.parametrize(
         ("sizes", "message"),
         [
@@ -74,10 +70,6 @@ class TestNames:
     def test_others_are_refused(self, sizes: dict[str, float], message: str) -> None:
         with pytest.raises(InputError, match=message):
             Features.named(sizes)
-
-    def test_each_projector_has_its_own(self, scene: DomeScene) -> None:
-        builds = {name: light.build.features for name, light in scene.lights.items()}
-        assert builds == {"south": Features(), "north": Features(picture_delay_s=0.4)}
 
     def test_of_an_unknown_projector(self) -> None:
         preset = STANDARD.with_features({"attic": {"white-boost": 0.1}})
@@ -114,10 +106,6 @@ class TestPicture:
         smooth = 0.3 + 0.3 * ndtr(0.5 / UNSHARP_PX)  # beside the edge, of a Gaussian's integral
         assert processed[4, 20, 0] == pytest.approx(0.6 + 0.5 * (0.6 - smooth), abs=3e-3)
 
-    def test_black_and_white_cannot_be_enhanced(self) -> None:
-        drive = RNG.integers(0, 2, (8, 8, 3)).astype(np.float32)
-        assert np.array_equal(Features(edge_enhancement=0.5).processed(drive), drive)
-
     def test_grey_tables_agree_with_pictures(self) -> None:
         light = ProjectorLight.on(
             Surface.build(STANDARD), build(limited_range=1, edge_enhancement=0.5)
@@ -140,12 +128,6 @@ class TestPicture:
         spread = (seen * (columns - 20 - shift / 2) * (rows - 15 - shift / 2)).sum()
         assert spread == pytest.approx(shift**2 / 4, rel=2e-3)  # of two points
 
-    def test_no_shift_is_a_plain_blur(self) -> None:
-        image = RNG.random((20, 30, 3)).astype(np.float32)
-        assert np.allclose(
-            _blurred_flux(image, 1.2, 0.0), _blurred_flux(image, 1.2, 1e-9), atol=2e-3
-        )
-
 
 class TestLoad:
     def factor(self, load: float, after_s: float, **sizes: float) -> float:
@@ -156,17 +138,11 @@ class TestLoad:
         clock.sleep(after_s)
         return state.light_factor()
 
-    def test_none_by_default(self) -> None:
-        assert self.factor(0.7, 1.0) == 1
-
     def test_an_iris_opens_slowly(self) -> None:
         for after_s in (0.0, 0.5, 30.0):
             behind = 0.6 * (1 - np.exp(-after_s / 2))
             found = self.factor(0.6, after_s, dynamic_black=0.4, iris_s=2.0)
             assert found == pytest.approx(1 - 0.4 * (1 - behind))
-
-    def test_an_iris_without_delay(self) -> None:
-        assert self.factor(1.0, 0.0, dynamic_black=0.4, iris_s=0.0) == 1
 
     def test_bright_pictures_dim_at_once(self) -> None:
         assert self.factor(0.5, 0.0, constant_light=0.2) == pytest.approx(0.9)

@@ -96,14 +96,6 @@ class TestClosedForms:
         assert abs(light[0, 0] - factor) < T_SIGMAS * error[0, 0]
         assert error[0, 0] < 0.02 * factor
 
-    def test_a_back_is_black(self) -> None:
-        floor = _square((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0))
-        away = _square((0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1))
-        mesh = _patched([floor, away], [0.5, 0.5])
-        light, error = scattered_irradiance(mesh, np.ones((4, 1)), 64)
-        assert not light.any()
-        assert not error.any()
-
     def test_a_ball_in_a_sphere(self) -> None:
         """Occlusion: F to the ball is (r1/r2)^2; two equations give all light."""
         ball, cover = (
@@ -166,37 +158,31 @@ class TestRoom:
         )
         np.testing.assert_array_equal(room.irradiance(_flux(bare)), light)
 
-    def test_furnished_dome_against_flux_tracing(self) -> None:
-        """Oval, panelled, with a deck and a pod: two tracers that share no ray."""
-        preset = replace(REALISTIC, gloss=0.0, floor_albedo=0.3)
+    @pytest.mark.parametrize(
+        "preset",
+        [
+            replace(
+                REALISTIC, gloss=0.0, floor_albedo=0.3
+            ),  # oval, panelled, with a deck and a pod
+            replace(IDEAL, floor_albedo=0.4, deck_drop_m=1.5, wall_albedo=0.3, tilt_deg=0.0),
+        ],
+        ids=["pod", "wall"],
+    )
+    def test_furnished_dome_against_flux_tracing(self, preset: Preset) -> None:
+        """Two tracers that share no ray."""
         with coarse_rooms():
             room = Room.trace(Surface.build(preset), 1024)
             traced = room.irradiance(_flux(room))
-            light, error = PathTracedRoom.of(room, samples=64, seed=3).irradiance_and_error(
-                _flux(room)
-            )
+            judge = PathTracedRoom.of(room, samples=64, seed=3)
+            light, error = judge.irradiance_and_error(_flux(room))
         assert light.shape == traced.shape == (len(room.area_m2), 2)
-        dome, deck, pod = (slice(0, 288), slice(288, 480), slice(480, None))
-        for part in (dome, deck, pod):
+        for part in (slice(0, 288), slice(288, 480), slice(480, None)):  # dome, deck, pod or wall
             assert light[part].mean() == pytest.approx(traced[part].mean(), rel=0.02)
         score = (light - traced) / error
         assert np.sqrt(np.mean(score**2)) / T_SPREAD < 1.2
-
-    def test_a_low_deck_with_a_wall_against_flux_tracing(self) -> None:
-        preset = replace(IDEAL, floor_albedo=0.4, deck_drop_m=1.5, wall_albedo=0.3, tilt_deg=0.0)
-        with coarse_rooms():
-            room = Room.trace(Surface.build(preset), 1024)
-            traced = room.irradiance(_flux(room))
-            light, error = PathTracedRoom.of(room, samples=64, seed=3).irradiance_and_error(
-                _flux(room)
-            )
-        for part in (slice(0, 288), slice(288, 480), slice(480, None)):  # dome, deck, wall
-            assert light[part].mean() == pytest.approx(traced[part].mean(), rel=0.02)
-        assert len(room.area_m2) == 480 + transport.WALL_RINGS * transport.WALL_SECTORS
-        sums = room.exchange.sum(axis=1)  # a closed room: every ray ends on something
-        np.testing.assert_allclose(sums, 1, atol=2e-3)
-        score = (light - traced) / error
-        assert np.sqrt(np.mean(score**2)) / T_SPREAD < 1.2
+        if preset.wall_albedo:  # a closed room: every ray ends on something
+            assert len(room.area_m2) == 480 + transport.WALL_RINGS * transport.WALL_SECTORS
+            np.testing.assert_allclose(room.exchange.sum(axis=1), 1, atol=2e-3)
 
     @pytest.mark.parametrize("preset", [IDEAL, REALISTIC], ids=["ideal", "realistic"])
     def test_the_mesh_is_the_room(self, preset: Preset) -> None:
@@ -228,24 +214,9 @@ class TestRoom:
             tracer.dome_count + 192 + transport._pod_patch(normalise(out)), mesh.patch[on_pod]
         )
 
-    def test_repainting_keeps_the_tracer(self, bare: Room) -> None:
-        room = PathTracedRoom.of(bare, samples=64, seed=5)
-        painted = room.repainted(Surface.build(IDEAL.altered(albedo=0.25)))
-        assert (painted.samples, painted.seed) == (64, 5)
-        np.testing.assert_allclose(painted.albedo[0], 0.25)
-
     def test_without_bounces_there_is_no_scattered_light(self, bare: Room) -> None:
         dark = bare.repainted(Surface.build(IDEAL.altered(albedo=0.0)))
         assert not PathTracedRoom.of(dark).irradiance(_flux(dark)).any()
-
-    def test_a_seed_determines_the_result(self) -> None:
-        vertices, faces = mesh_shapes.box((0, 0, 0), (1, 1, 1))
-        light = [
-            scattered_radiosity(vertices, faces, *np.full((2, 12, 1), 0.5), 16, seed)[0]
-            for seed in (1, 1, 2)
-        ]
-        np.testing.assert_array_equal(light[0], light[1])
-        assert (light[0] != light[2]).any()
 
 
 class TestErrors:

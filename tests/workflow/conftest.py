@@ -1,13 +1,18 @@
 """Sizes for tests of whole runs: in full, each calibration is 50 MB to write, copy and read."""
 
+import shutil
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
+from tiny_venue import quick_simulator
 
-from procam.estimate import calibration
+from procam.estimate import calibration as assembling
 from procam.estimate.light import floor_albedo
+from procam.files.calibration import save_calibration
 from procam.interfaces.cli import _sessions
 from procam.interfaces.plots import figure
+from procam.model.calibration import Calibration
 
 MASTER = 128
 FLOOR_DROPS = (0.2,)  # depths at which the floor may lie: one is as good for commands as five
@@ -15,9 +20,9 @@ FLOOR_DROPS = (0.2,)  # depths at which the floor may lie: one is as good for co
 
 @pytest.fixture(scope="module", autouse=True)
 def small_results(request: pytest.FixtureRequest) -> Iterator[None]:
-    """Small dome maps, pictures and charts, which files may replace; studies search the floor in full."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(calibration, "MAP_SIZE", MASTER)
+    """A quick simulator, small dome maps, pictures and charts; studies search the floor in full."""
+    with quick_simulator(), pytest.MonkeyPatch.context() as patch:
+        patch.setattr(assembling, "MAP_SIZE", MASTER)
         patch.setattr(_sessions, "CONTENT_SIZE", MASTER)
         patch.setattr(figure, "DPI", 90)
         if not request.module.__name__.endswith("_small"):
@@ -31,3 +36,17 @@ def no_report() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(_sessions, "write_report", lambda venue: venue / "report.html")
         yield
+
+
+@pytest.fixture(scope="session")
+def kept(tmp_path_factory: pytest.TempPathFactory, calibration: Calibration) -> Path:
+    """The small, fully known calibration on disk; no test writes there."""
+    directory = tmp_path_factory.mktemp("kept") / "0001"
+    save_calibration(calibration, directory)
+    return directory
+
+
+@pytest.fixture
+def venue(once: Path, tmp_path: Path) -> Path:
+    """A copy of the venue that a module has calibrated `once`."""
+    return Path(shutil.copytree(once, tmp_path / "venue"))

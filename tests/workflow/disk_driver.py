@@ -14,9 +14,10 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-import av
 import numpy as np
+from bundles import write_bundle
 from hand_meter import Meter, as_csv
+from lossless_movies import write_lossless
 from small_files import files_up_to
 from tiny_venue import (
     Ran,
@@ -30,7 +31,6 @@ from tiny_venue import (
 )
 
 from procam.estimate import calibration as procam_calibration
-from procam.files.bundle import write_bundle
 from procam.files.calibration import load_calibration
 from procam.files.images.pixels import write_image
 
@@ -83,13 +83,7 @@ def make_work(folder: Path) -> None:
     noise = np.random.default_rng(0).random((3, 64, 64, 3))
     for number, picture in enumerate(noise):
         write_image(folder / "sky" / f"{number:04d}.png", (picture * 65535).astype(np.uint16))
-    with av.open(str(folder / "sky.mkv"), "w") as movie:
-        stream = movie.add_stream("ffv1", rate=25)
-        stream.width, stream.height, stream.pix_fmt = 64, 64, "bgr0"
-        for picture in noise:
-            frame = av.VideoFrame.from_ndarray((picture * 255).astype(np.uint8), format="rgb24")
-            movie.mux(stream.encode(frame.reformat(format="bgr0")))
-        movie.mux(stream.encode())
+    write_lossless(folder / "sky.mkv", (noise * 255).astype(np.uint8))
     venue = make_venue(folder / "venue")
     session = take_session(venue)
     solved(venue, session)

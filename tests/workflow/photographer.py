@@ -10,8 +10,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import OpenImageIO as oiio
 from numpy.typing import NDArray
+from picture_files import write_with_header
 from tiny_venue import CAMERA, quick_simulator
 
 from procam.devices.rig import Rig
@@ -56,13 +56,8 @@ def photograph_round(rig: Rig, entries: list[dict[str, str]], pictures: Path, ph
 
 def write_photo(path: Path, counts: Counts, exposure_s: float, **header: float | str) -> None:
     """Write a photograph (H, W, C) as a camera does, with its exposure."""
-    spec = oiio.ImageSpec(counts.shape[1], counts.shape[0], counts.shape[2], "uint16")
-    spec.attribute("compression", "none")  # quick to write
-    for key, value in {"ExposureTime": exposure_s, **header}.items():
-        spec.attribute(key, value)
-    output = oiio.ImageOutput.create(str(path))
-    assert output.open(str(path), spec) and output.write_image(np.ascontiguousarray(counts))
-    output.close()
+    known = {"compression": "none", "ExposureTime": exposure_s}  # quick to write
+    write_with_header(path, counts, **known, **header)
 
 
 def photograph_session(

@@ -1,22 +1,19 @@
 """Masks, protected parts and nudges, from venue.toml through solve, compensate, refine and report."""
 
 import json
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from tiny_venue import TINY, make_venue, procam, quick_simulator, solved, take_session
+from tiny_venue import TINY, make_venue, procam, solved, take_session
 
 from procam.errors import FileFormatError
-from procam.estimate import calibration as assemble
-from procam.estimate.closed_loop import with_gains
+from procam.estimate.closed_loop.refined import with_gains
 from procam.files.calibration import load_calibration
 from procam.files.images.layers import RGB, read_channels, write_channels
 from procam.files.session import Session
 from procam.files.venue.load import load_venue
-from procam.interfaces.cli import _sessions
 from procam.maths.geometry.sphere import master_pixels
 from procam.model.calibration import Calibration
 from procam.workflows.sample_content import half_sky
@@ -46,14 +43,6 @@ def _set(folder: Path, lines: dict[str, str]) -> None:
         assert text.count(head) == 1
         text = text.replace(head, f"{head}\n{line}")
     (folder / "venue.toml").write_text(text, "utf-8")
-
-
-@pytest.fixture(scope="module", autouse=True)
-def small_and_quick() -> Iterator[None]:
-    with quick_simulator(), pytest.MonkeyPatch.context() as patch:
-        patch.setattr(assemble, "MAP_SIZE", SIZE)
-        patch.setattr(_sessions, "CONTENT_SIZE", SIZE)
-        yield
 
 
 @pytest.fixture(scope="module")
@@ -112,15 +101,6 @@ def test_refine_leaves_gains_alone_where_it_is_protected(both: Solved) -> None:
     assert not changed[kept].any() and changed[~kept].mean() > 0.1
     assert refined.maps.protected is not None
     assert refined.provenance["by_hand"] == both.by_hand.provenance["by_hand"]
-
-
-def test_the_report_lists_them(both: Solved) -> None:
-    page = Path(json.loads(procam("report", both.folder, "--json").out)["report"]).read_text(
-        "utf-8"
-    )
-    assert "Done by hand" in page
-    for words in ("Camera zenith", "polygon of 4 points", "of the picture", "of the dome"):
-        assert words in page
 
 
 def test_a_bad_mask_is_reported_before_anything_is_solved(both: Solved) -> None:

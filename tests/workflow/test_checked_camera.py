@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from fake_devices import Clock
 
 from procam.errors import DeviceError, StaleFrame
 from procam.model.frame import CameraSettings, Frame
@@ -14,18 +15,6 @@ from procam.workflows.capture.checked_camera import ATTEMPTS, BREATH_S, CheckedC
 SENSOR = Sensor(bits=12, black_level=64.0)
 WHITE = {"south": np.ones((8, 8, 3), np.float32)}
 SETTINGS = CameraSettings(0.1)
-
-
-class Clock:
-    """A clock that remembers how long it was asked to wait."""
-
-    slept_s = 0.0
-
-    def sleep(self, seconds: float) -> None:
-        self.slept_s += seconds
-
-    def now_s(self) -> float:
-        return self.slept_s
 
 
 class Script:
@@ -54,7 +43,7 @@ def test_the_picture_before_is_taken_again() -> None:
     camera.photograph("white", SETTINGS, WHITE)
     frame = camera.photograph("stripes", SETTINGS, _other(WHITE))
     assert frame.counts[-1, -1, 0] == 564
-    assert clock.slept_s == BREATH_S
+    assert clock.now_s() == BREATH_S
 
 
 def test_a_camera_that_stays_late_is_refused() -> None:

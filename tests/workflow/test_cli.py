@@ -3,11 +3,10 @@
 import json
 import os
 import re
-import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from importlib.metadata import version
 from itertools import chain
@@ -23,7 +22,7 @@ from tiny_venue import (
     contents,
     make_venue,
     procam,
-    quick_simulator,
+    refused,
     take_session,
     warped,
     watch_stage,
@@ -32,14 +31,12 @@ from tiny_venue import (
 from procam.compensate.compensator import Compensator
 from procam.compensate.projector_frames import projector_frames
 from procam.devices.protocols import BackendRig
-from procam.files.calibration import save_calibration
 from procam.files.images.layers import RGB, read_channels, write_channels
 from procam.files.images.pixels import read_image, write_image
 from procam.files.session import Session
 from procam.files.venue.load import Venue, load_venue, template_names
 from procam.interfaces.cli.main import COMMANDS as MAIN_COMMANDS
 from procam.interfaces.cli.main import GROUPS, PANELS
-from procam.maths.light.curves import srgb_decode, srgb_encode
 from procam.model.calibration import Calibration
 from procam.workflows import venue_rig
 from procam.workflows.sample_content import half_sky
@@ -47,9 +44,7 @@ from procam.workflows.venue_rig import open_rig
 from simulators.devices import SimulatedCamera
 
 COMMANDS = list(MAIN_COMMANDS)
-HEAVY = {"numpy", "scipy", "cv2", "colour", "matplotlib", "OpenImageIO", "serial", "pydantic"}
 SIZE = 96
-BACK = 2e-5  # 16-bit sRGB, at its steepest
 
 
 class TestHelp:
@@ -99,22 +94,6 @@ class TestHelp:
             ran = procam(*arguments)
             assert all(command.split()[0] in ran.out + ran.err for command in COMMANDS)
 
-    def test_help_imports_nothing_heavy(self) -> None:
-        code = (
-            "import sys; from procam.interfaces.cli.main import main; sys.argv = ['procam', '-h']\n"
-            "try: main()\nexcept SystemExit: print('LOADED', *sys.modules)"
-        )
-        out = subprocess.run([sys.executable, "-c", code], capture_output=True, check=True).stdout
-        loaded = set(out.decode().partition("LOADED")[2].split())
-        assert "procam.interfaces.cli.main" in loaded
-        assert not HEAVY & loaded
-
-    @pytest.mark.parametrize(
-        "arguments", [["nonesuch"], ["init"], ["session", "capture", "--fast", "x"]]
-    )
-    def test_wrong_usage_is_bad_input(self, arguments: list[str]) -> None:
-        assert procam(*arguments).code == 2
-
 
 class TestInit:
     def test_writes_a_venue_that_loads(self, tmp_path: Path) -> None:
@@ -139,26 +118,18 @@ class TestInit:
 
     def test_never_overwrites(self, tmp_path: Path) -> None:
         (tmp_path / "venue.toml").write_text("mine")
-        ran = procam("init", tmp_path, "--template", template_names()[0])
-        assert ran.code == 2
-        assert "venue.toml exists already" in ran.complaint
+        assert "venue.toml exists already" in refused(
+            "init", tmp_path, "--template", template_names()[0]
+        )
         assert (tmp_path / "venue.toml").read_text() == "mine"
 
     def test_without_a_template_the_known_ones_are_listed(self, tmp_path: Path) -> None:
-        ran = procam("init", tmp_path / "new")
-        assert ran.code == 2
-        assert "--template is missing: choose one of by-hand, simulated-" in ran.complaint
-        assert all(name in ran.complaint for name in template_names())
+        complaint = refused("init", tmp_path / "new")
+        assert "--template is missing: choose one of by-hand, simulated-" in complaint
+        assert all(name in complaint for name in template_names())
         assert not (tmp_path / "new").exists()
         shown = procam("init", "--help").out
         assert all(name in shown for name in template_names())
-
-    def test_an_unknown_template_is_reported_the_known_ones(self, tmp_path: Path) -> None:
-        ran = procam("init", tmp_path / "new", "--template", "nonesuch")
-        assert ran.code == 2
-        assert "template 'nonesuch' does not exist; choose one of " in ran.complaint
-        assert all(name in ran.complaint for name in template_names())
-        assert not (tmp_path / "new").exists()
 
 
 @pytest.fixture(scope="module")
@@ -168,63 +139,7 @@ def captured(tmp_path_factory: pytest.TempPathFactory) -> Venue:
     return venue
 
 
-@pytest.fixture(scope="module", autouse=True)
-def small_and_quick() -> Iterator[None]:
-    with quick_simulator():
-        yield
-
-
-@pytest.fixture
-def kept(calibration: Calibration, tmp_path: Path) -> Path:
-    """A small calibration on disk."""
-    save_calibration(calibration, tmp_path / "kept")
-    return tmp_path / "kept"
-
-
 class TestVenueCommands:
-    def test_capture_solve_refine_calibrate_and_report_speak_json(self, tmp_path: Path) -> None:
-        make_venue(tmp_path)
-
-        def message(*arguments: object) -> dict[str, Any]:
-            ran = procam(*arguments, "--json")
-            document = json.loads(ran.out)
-            assert isinstance(document, dict)
-            missed = any(f["pass"] is False for f in document.get("figures", {}).values())
-            assert (ran.code, ran.err) == (int(missed), ""), ran
-            return document
-
-        session = tmp_path / "sessions" / "0001"
-        assert message("session", "capture", tmp_path) == {"session": str(session)}
-        first = message("session", "solve", session)["calibration"]
-        assert first == str(tmp_path / "calibrations" / "0001")
-        refined = message("refine", tmp_path)
-        found = len(
-            list((tmp_path / "calibrations").iterdir())
-        )  # the loop's is kept if it is better
-        assert refined["calibration"] == str(tmp_path / "calibrations" / f"{found:04d}")
-        assert "loop_noise_floor" in refined["figures"]
-        report = message("report", tmp_path)["report"]
-        assert Path(report).is_file()
-        both = message("calibrate", tmp_path)
-        assert both["calibration"] == str(tmp_path / "calibrations" / f"{found + 1:04d}")
-        assert Path(both["report"]).is_file()
-        assert message("inspect", session)["complete"] is True
-        again = contents(tmp_path / "sessions" / "0002")
-        assert {n: c for n, c in again.items() if n.endswith(".tif")} == {
-            n: c for n, c in contents(session).items() if n.endswith(".tif")
-        }
-
-    def test_an_unfinished_session_is_picked_up(self, captured: Venue, tmp_path: Path) -> None:
-        shutil.copytree(captured.directory, tmp_path, dirs_exist_ok=True)
-        index = tmp_path / "sessions" / "0001" / "captures" / CAMERA / "index.jsonl"
-        index.write_text("".join(index.read_text().splitlines(keepends=True)[:-1]))
-        ran = procam("session", "capture", tmp_path)
-        session = tmp_path / "sessions" / "0001"
-        assert ran.out == f"captured; now run: procam session solve {session}\n"
-        assert contents(session / "captures" / CAMERA).keys() == (
-            contents(captured.directory / "sessions" / "0001" / "captures" / CAMERA).keys()
-        )
-
     def test_what_is_no_session_is_refused(self, tmp_path: Path) -> None:
         make_venue(tmp_path)
         for where in (tmp_path, tmp_path / "sessions" / "0001"):
@@ -276,36 +191,23 @@ class TestInspect:
         ("name", "content", "words"),
         [
             ("gone.png", None, "no such file"),
-            ("garbage.exr", b"not a picture", "readable image"),
             ("garbage.png", b"not a picture", "readable image"),
             ("notes.txt", b"hello", "this is no file of procam's"),
             ("dome.zip", b"PK hello", "is no bundle, or a damaged one"),
-            ("plan.json", b"{]", "damaged JSON"),
-            ("plan.json", b"[]", "must be an object"),
-            ("plan.json", b'{"schema": 9}', "has schema 9"),
             ("plan.json", b'{"schema": 1}', "has no list of shots"),
-            ("calibration.json", b"{]", "damaged calibration"),
-            ("calibration.json", b"[]", "damaged calibration"),
-            ("calibration.json", b'{"schema_version": 99}', "has schema_version 99"),
             ("calibration.json", b'{"schema_version": 1}', "dome.exr: no such file"),
         ],
     )
     def test_garbage(self, name: str, content: bytes | None, words: str, tmp_path: Path) -> None:
         if content is not None:
             (tmp_path / name).write_bytes(content)
-        ran = procam("inspect", tmp_path / name)
-        assert ran.code == 2
-        assert words in ran.complaint
+        assert words in refused("inspect", tmp_path / name)
 
 
-def picture(tmp_path: Path, suffix: str = ".exr") -> Path:
-    path = tmp_path / f"sky{suffix}"
+def picture(tmp_path: Path) -> Path:
     sky = half_sky(SIZE)
-    if suffix == ".exr":
-        write_channels(path, {c: sky[..., i] for i, c in enumerate(RGB)})
-    else:
-        write_image(path, np.rint(65535 * srgb_encode(sky)).astype(np.uint16))
-    return path
+    write_channels(tmp_path / "sky.exr", {c: sky[..., i] for i, c in enumerate(RGB)})
+    return tmp_path / "sky.exr"
 
 
 def rgb(path: Path) -> np.ndarray:
@@ -327,19 +229,6 @@ class TestCompensateAndWarp:
         np.testing.assert_allclose(rgb(out), expected.direct, rtol=0, atol=1e-6)
         assert document["direct_flux_sr"] == pytest.approx(list(expected.flux), rel=1e-5)
 
-    def test_png_in_png_out_is_16_bit_srgb(
-        self, calibration: Calibration, kept: Path, tmp_path: Path
-    ) -> None:
-        out = tmp_path / "direct.png"
-        ran = procam("compensate", kept, picture(tmp_path, ".png"), out)
-        assert (ran.code, ran.err) == (0, "")
-        assert ran.out.startswith(f"{out} written; at a limit (R, G, B): ")
-        pixels = np.asarray(read_image(out))
-        assert pixels.dtype == np.uint16
-        expected = Compensator(calibration, SIZE).predict(half_sky(SIZE)).direct
-        found = srgb_decode(pixels / 65535)
-        assert np.abs(found - np.clip(expected, 0, 1)).max() < 4 * BACK
-
     def test_warp_writes_each_projectors_frame(
         self, calibration: Calibration, kept: Path, tmp_path: Path
     ) -> None:
@@ -357,107 +246,24 @@ class TestCompensateAndWarp:
             # of 65535; the table that clips go by
             assert np.abs(pixels.astype(int) - expected[path.stem].astype(int)).max() <= 10
 
-    def oblong(self, path: Path) -> Path:
-        sky = half_sky(SIZE)[:-1]
-        write_channels(path.with_suffix(".exr"), {c: sky[..., i] for i, c in enumerate(RGB)})
-        return path.with_suffix(".exr")
-
-    def holed(self, path: Path) -> Path:
-        sky = half_sky(SIZE)
-        sky[40, 40, 1] = np.nan
-        write_channels(path.with_suffix(".exr"), {c: sky[..., i] for i, c in enumerate(RGB)})
-        return path.with_suffix(".exr")
-
-    def truncated(self, path: Path) -> Path:
-        whole = picture(path.parent)
-        whole.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
-        return whole
-
-    def truncated_png(self, path: Path) -> Path:
-        whole = picture(path.parent, ".png")
-        whole.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
-        return whole
-
-    def grey(self, path: Path) -> Path:
-        write_image(path.with_suffix(".png"), np.zeros((SIZE, SIZE, 1), np.uint8))
-        return path.with_suffix(".png")
-
-    def absent(self, path: Path) -> Path:
-        return path.with_suffix(".exr")
-
-    def garbage(self, path: Path) -> Path:
-        path.with_suffix(".exr").write_bytes(b"no picture")
-        return path.with_suffix(".exr")
-
     @pytest.mark.parametrize("to", ["screen", "projectors"])
-    @pytest.mark.parametrize(
-        ("make", "words"),
-        [
-            (oblong, "96x95 px is no dome master"),
-            (holed, "1 values are NaN or infinite"),
-            (truncated, "truncated or damaged"),
-            (truncated_png, "truncated or damaged"),
-            (grey, "R, G and B are needed"),
-            (absent, "no such file"),
-            (garbage, "readable image"),
-        ],
-    )
     def test_a_bad_picture_is_refused_and_leaves_no_output(
-        self,
-        to: str,
-        make: Callable[["TestCompensateAndWarp", Path], Path],
-        words: str,
-        kept: Path,
-        tmp_path: Path,
+        self, to: str, kept: Path, tmp_path: Path
     ) -> None:
-        source = make(self, tmp_path / "bad")
+        source = picture(tmp_path)
+        source.write_bytes(source.read_bytes()[: source.stat().st_size // 2])
         out = tmp_path / "made" / "out.exr"
-        ran = procam("compensate", kept, source, out, "--to", to)
-        assert ran.code == 2
-        assert words in ran.complaint
-        assert str(source) in ran.complaint
-        assert not (tmp_path / "made").exists()
-
-    def test_a_wrong_method_or_suffix_is_refused_and_leaves_no_output(
-        self, kept: Path, tmp_path: Path
-    ) -> None:
-        source, made = picture(tmp_path), tmp_path / "made"
-        ran = procam("compensate", kept, source, made / "out.exr", "--method", "magic")
-        assert (ran.code, "method: 'magic' is unknown; choose one of exact" in ran.complaint) == (
-            2,
-            True,
+        assert f"{source} is truncated or damaged" in refused(
+            "compensate", kept, source, out, "--to", to
         )
-        ran = procam("compensate", kept, source, made / "out.jpg")
-        assert (ran.code, "not '.jpg'" in ran.complaint) == (2, True)
-        assert not made.exists()
+        assert not (tmp_path / "made").exists()
 
     def test_an_output_that_cannot_be_written_is_one_line(self, kept: Path, tmp_path: Path) -> None:
         folder = tmp_path / "out.exr"
         folder.mkdir()
-        ran = procam("compensate", kept, picture(tmp_path), folder)
-        assert ran.code == 2
-        assert str(folder) in ran.complaint
+        assert str(folder) in refused("compensate", kept, picture(tmp_path), folder)
         assert not list(folder.iterdir())
         assert not list(tmp_path.glob(".*"))
-
-    @pytest.mark.parametrize(
-        ("to", "read"),  # dome masters need no projector's maps
-        [("screen", ["dome.exr"]), ("projectors", ["south.exr", "dome.exr"])],
-    )
-    def test_what_is_no_calibration_is_refused(
-        self, to: str, read: list[str], kept: Path, tmp_path: Path
-    ) -> None:
-        source, out = picture(tmp_path), tmp_path / "out.exr"
-        ran = procam("compensate", tmp_path, source, out, "--to", to)
-        assert "has no calibration.json" in ran.complaint
-        for name in read:
-            damaged = tmp_path / f"without-{name}"
-            shutil.copytree(kept, damaged)
-            path = damaged / "maps" / name
-            path.write_bytes(path.read_bytes()[:-1000])
-            ran = procam("compensate", damaged, source, out, "--to", to)
-            assert (ran.code, "truncated or damaged" in ran.complaint) == (2, True)
-        assert not out.exists()
 
 
 class TestProjector:
@@ -533,9 +339,7 @@ class TestProjector:
     def test_bad_words_are_bad_input(
         self, arguments: list[str], words: str, venue: Path, stages: list[Stage]
     ) -> None:
-        ran = procam("projector", venue, *arguments)
-        assert ran.code == 2
-        assert words in ran.complaint
+        assert words in refused("projector", venue, *arguments)
 
     def test_no_camera_is_needed(self, venue: Path, stages: list[Stage]) -> None:
         path = venue / "venue.toml"
@@ -552,8 +356,7 @@ class TestProjector:
     def test_a_projector_without_a_control_table(self, venue: Path) -> None:
         path = venue / "venue.toml"
         path.write_text(re.sub(r"(?m)^control = .*$", "", path.read_text()))
-        ran = procam("projector", venue, "north", "state")
-        assert (ran.code, "has no control table" in ran.complaint) == (2, True)
+        assert "has no control table" in refused("projector", venue, "north", "state")
 
     def test_a_cable_that_is_not_there(self, venue: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(tempfile, "tempdir", str(venue))
@@ -589,16 +392,9 @@ class TestVenueErrors:
     @pytest.mark.parametrize(
         ("edit", "words"),
         [
-            (edited("[screen]", "[screen]\ncolour = 3"), ["screen.colour is not a known key"]),
-            (edited("radius_m = 6.0", "radius_m = 0"), ["screen.radius_m is 0;"]),
-            (edited("[projectors.south]", "[projects.south]"), ["projectors is ", "projects is "]),
             (
                 edited("radius_m = 6.0", "radius_m = 0\nsize = 1\nhalf_angle = 2"),
                 ["screen.radius_m is ", "screen.size is ", "screen.half_angle is "],
-            ),
-            (
-                edited('camera = "zenith"', 'camera = "attic"'),
-                ["fiducials.front.camera is 'attic'; it must be one of zenith"],
             ),
             (
                 edited("[projectors.south]", "[projectors.attic]"),
@@ -623,7 +419,6 @@ class TestVenueErrors:
                 lambda text: text.replace('backend = "simulated"', 'backend = "simulatd"'),
                 ["simulated is not a known key; "],
             ),
-            (lambda text: text + "[[[", ["is not valid TOML"]),
         ],
     )
     def test_every_mistake_has_its_line_and_nothing_stays_open(
@@ -669,35 +464,27 @@ class TestVenueErrors:
         assert "cameras.attic: backend 'dream' has no device of this name, only zenith" in message
 
     @pytest.mark.parametrize("command", ["session capture", "doctor", "calibrate"])
-    def test_what_is_done_by_hand_is_reported_how(self, command: str, tmp_path: Path) -> None:
+    @pytest.mark.parametrize(
+        ("device", "table"), [("camera zenith", "cameras"), ("projector south", "projectors")]
+    )
+    def test_what_is_done_by_hand_is_reported_how(
+        self, device: str, table: str, command: str, tmp_path: Path
+    ) -> None:
         message = f"use `procam session plan {tmp_path}`, `procam doctor --photos` and `procam session add`"
         path = make_venue(tmp_path).directory / "venue.toml"
-        text = path.read_text()
-        path.write_text(text.replace('backend = "simulated"', "", 1))
-        ran = procam(*command.split(), tmp_path)
-        assert (
-            ran.code,
-            f"{path}: camera zenith is driven by hand; {message}" in ran.complaint,
-        ) == (
-            2,
-            True,
-        )
-        path.write_text(
-            text.replace('[projectors.south]\nbackend = "simulated"', "[projectors.south]")
-        )
-        assert (
-            f"{path}: projector south is driven by hand; {message}"
-            in procam(*command.split(), tmp_path).complaint
+        head = f"[{table}.{device.split()[1]}]\n"
+        path.write_text(edited(f'{head}backend = "simulated"\n', head)(path.read_text()))
+        assert f"{path}: {device} is driven by hand; {message}" in refused(
+            *command.split(), tmp_path
         )
 
     @pytest.mark.parametrize("command", ["session capture", "calibrate", "refine"])
     def test_a_missing_venue_is_reported_how_to_make_one(
         self, command: str, tmp_path: Path
     ) -> None:
-        ran = procam(*command.split(), tmp_path / "nowhere")
-        assert ran.code == 2
-        assert "nowhere/venue.toml: no such file" in ran.complaint
-        assert "procam init" in ran.complaint
+        complaint = refused(*command.split(), tmp_path / "nowhere")
+        assert "nowhere/venue.toml: no such file" in complaint
+        assert "procam init" in complaint
         assert not (tmp_path / "nowhere").exists()
 
     def test_a_crashing_camera_is_not_dressed_up(
@@ -716,12 +503,10 @@ class TestVenueErrors:
 
 class TestDemo:
     def test_an_unknown_preset(self, tmp_path: Path) -> None:
-        ran = procam("demo", "--out", tmp_path / "run", "--preset", "perfect")
-        assert (ran.code, "perfect" in ran.complaint) == (2, True)
+        assert "perfect" in refused("demo", "--out", tmp_path / "run", "--preset", "perfect")
         assert not (tmp_path / "run").exists()
 
     def test_somebody_elses_folder_is_left_alone(self, tmp_path: Path) -> None:
         (tmp_path / "thesis.txt").write_text("mine")
-        ran = procam("demo", "--out", tmp_path)
-        assert (ran.code, "Nothing was touched" in ran.complaint) == (2, True)
+        assert "Nothing was touched" in refused("demo", "--out", tmp_path)
         assert contents(tmp_path) == {"thesis.txt": b"mine"}

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from bundles import contents as contents_of
 from bundles import relisted, write_zip
-from tiny_venue import TINY_PAIR, contents, make_venue, procam, quick_simulator, take_session
+from tiny_venue import TINY_PAIR, contents, make_venue, procam, refused, take_session
 
 from procam.files.session import Session
 from procam.workflows import venue_rig
@@ -26,8 +26,7 @@ pytestmark = pytest.mark.usefixtures("no_report")
 def solved(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A venue with a session that was solved."""
     folder = tmp_path_factory.mktemp("bundle") / "venue"
-    with quick_simulator():
-        take_session(make_venue(folder, size=TINY_PAIR))
+    take_session(make_venue(folder, size=TINY_PAIR))
     assert procam("session", "solve", folder / "sessions" / "0001").code == 0
     return folder
 
@@ -89,15 +88,6 @@ def test_commands_of_a_bundle_never_run(solved: Path, tmp_path: Path) -> None:
     assert canary.exists()
 
 
-def test_two_bundles_of_a_session_are_equal(solved: Path, tmp_path: Path) -> None:
-    procam("venue", "pack", solved, tmp_path / "a.zip")
-    ran = procam("venue", "pack", solved / "sessions" / "0001", tmp_path / "b.zip", "--json")
-    document = json.loads(ran.out)
-    assert (tmp_path / "a.zip").read_bytes() == (tmp_path / "b.zip").read_bytes()
-    assert document["bytes"] == (tmp_path / "b.zip").stat().st_size
-    assert document["planned"] == 80
-
-
 def test_a_venue_stands_for_the_session_in_use(solved: Path, tmp_path: Path) -> None:
     venue, out = tmp_path / "venue", tmp_path / "out.zip"
     shutil.copytree(solved, venue)
@@ -131,8 +121,6 @@ def test_a_damaged_calibration_in_use_is_named(solved: Path, tmp_path: Path) -> 
         (["pack", "VENUE", "a.tar"], "its name must end in .zip; choose another OUT.zip"),
         (["pack", "EMPTY", "a.zip"], "there is no session here; give a folder such as VENUE/sess"),
         (["unpack", "no.zip", "new"], "no.zip: there is no such file or folder"),
-        (["unpack", "no.zip", "VENUE"], "exists; give the name of a folder that does not exist"),
-        (["unpack", "VENUE/venue.toml", "new"], "is no bundle, or a damaged one"),
     ],
 )
 def test_refusals(
@@ -145,7 +133,5 @@ def test_refusals(
     monkeypatch.chdir(tmp_path)
     (tmp_path / "empty").mkdir()
     named = [a.replace("VENUE", str(solved)).replace("EMPTY", "empty") for a in arguments]
-    ran = procam("venue", *named, "--json")
-    assert ran.code == 2
-    assert words in ran.complaint
+    assert words in refused("venue", *named, "--json")
     assert [path.name for path in tmp_path.iterdir()] == ["empty"]

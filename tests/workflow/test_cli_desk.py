@@ -7,10 +7,10 @@ import tomllib
 from pathlib import Path
 
 import numpy as np
-import OpenImageIO as oiio
 import pytest
+from picture_files import write_with_header
 from scipy.ndimage import gaussian_filter
-from tiny_venue import CAMERA, Ran, make_venue, procam
+from tiny_venue import CAMERA, Ran, make_venue, procam, refused
 from venue_texts import edit, mistakes
 
 from procam.files.images.layers import write_channels
@@ -48,15 +48,6 @@ def shoot(light: Array, seed: int) -> Array:
     return np.rint(255 * srgb_encode(np.clip(noisy, 0, 1))).astype(np.uint8)
 
 
-def with_header(path: Path, pixels: Array, **header: object) -> None:
-    spec = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], 1, str(pixels.dtype))
-    for key, value in header.items():
-        spec.attribute(key.replace("__", ":"), value)
-    output = oiio.ImageOutput.create(str(path))
-    assert output.open(str(path), spec) and output.write_image(pixels[..., None])
-    output.close()
-
-
 @pytest.fixture(scope="module")
 def shots() -> list[Array]:
     return [shoot(scene() * exposure, k) for k, exposure in enumerate(SECONDS)]
@@ -74,13 +65,7 @@ def brackets(shots: list[Array], tmp_path: Path) -> Path:
 
 def put_headers(folder: Path, shots: list[Array]) -> None:
     for k, (pixels, exposure) in enumerate(zip(shots, SECONDS, strict=True)):
-        with_header(folder / f"{k}.png", pixels, ExposureTime=exposure, FNumber=8.0)
-
-
-def refused(*arguments: object) -> str:
-    ran = procam(*arguments)
-    assert ran.code == 2, ran
-    return ran.complaint
+        write_with_header(folder / f"{k}.png", pixels, ExposureTime=exposure, FNumber=8.0)
 
 
 @pytest.fixture
@@ -154,7 +139,7 @@ class TestResponse:
         assert "--camera 'b' is not in" in refused(*RESPONSE, brackets, *where(venue, "b"))
         assert "no such file" in refused(*RESPONSE, brackets, *where(brackets))
         put_headers(brackets, shots)
-        with_header(brackets / "1.png", shots[1], ExposureTime=0.06, FNumber=11.0)
+        write_with_header(brackets / "1.png", shots[1], ExposureTime=0.06, FNumber=11.0)
         assert "differ in aperture f/ (0.png 8.0, 1.png 11.0" in refused(*command, EXPOSURES)
         write_image(brackets / "1.png", shots[1].astype(np.uint16))
         assert "differ in bits (0.png 8, 1.png 16" in refused(*command, EXPOSURES)

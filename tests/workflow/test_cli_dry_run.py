@@ -2,7 +2,6 @@
 
 import json
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -11,9 +10,10 @@ from tiny_venue import TINY_PAIR, make_venue, procam
 from venue_texts import load_venue_of
 
 from procam.files.venue.load import Venue, template_text
-from procam.interfaces.cli._dry_run import photograph_s, run_dry, work
 from procam.interfaces.cli._output import Output
-from procam.model.optics import CameraModel, Lens, Sensor
+from procam.interfaces.cli.session.capture import photograph_s, run_dry, work
+from procam.maths.geometry.lenses import Lens
+from procam.model.optics import CameraModel, Sensor
 from procam.model.plan import Shot
 from procam.workflows.solve.memory import solve_bytes
 
@@ -38,15 +38,6 @@ def _document(venue: Venue, capsys: pytest.CaptureFixture[str]) -> dict[str, Any
     return document
 
 
-class _WithShotTime:
-    """A venue whose [capture] has shot_s."""
-
-    def __init__(self, venue: Venue, shot_s: float) -> None:
-        capture = SimpleNamespace(**(dict(venue.table.capture) | {"shot_s": shot_s}))
-        parts = {"projectors": venue.table.projectors, "cameras": venue.table.cameras}
-        self.table = SimpleNamespace(**parts, capture=capture)
-
-
 class TestWork:
     def test_time_per_photograph(self, tmp_path: Path) -> None:
         venue = _by_hand(tmp_path)
@@ -55,7 +46,7 @@ class TestWork:
         assert photograph_s(venue, "by-hand", 8.0) == 9.0  # an exposure is never cut short
 
     def test_venue_toml_may_tell_it(self, tmp_path: Path) -> None:
-        venue: Any = _WithShotTime(_by_hand(tmp_path), 3.5)
+        venue = _by_hand(tmp_path, more="shot_s = 3.5\n")
         assert photograph_s(venue, "by-hand", 0.5) == 3.5
         assert photograph_s(venue, "simulated", 8.0) == 8.0
 

@@ -4,14 +4,13 @@ import csv
 import json
 import shutil
 import sys
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import OpenImageIO as oiio
 import photographer
 import pytest
+from picture_files import write_with_header
 from scipy.ndimage import gaussian_filter, map_coordinates
 from tiny_venue import (
     CAMERA,
@@ -19,7 +18,7 @@ from tiny_venue import (
     contents,
     make_venue,
     procam,
-    quick_simulator,
+    refused,
     solved,
     take_session,
 )
@@ -121,16 +120,6 @@ def photograph(
     return np.rint(np.clip(counts, 0, 2**BITS - 1)).astype(np.uint16)
 
 
-def with_header(path: Path, pixels: np.ndarray, **header: object) -> None:
-    """Write a photograph as a camera does: exposure, ISO and time in its header."""
-    spec = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], pixels.shape[2], str(pixels.dtype))
-    for key, value in header.items():
-        spec.attribute(key.replace("__", ":"), value)
-    output = oiio.ImageOutput.create(str(path))
-    assert output.open(str(path), spec) and output.write_image(pixels)
-    output.close()
-
-
 class TestPatterns:
     def test_a_session_and_a_folder_for_the_rig(self, hand_session: HandSession) -> None:
         assert hand_session.session.name == "hand-0001"
@@ -172,8 +161,7 @@ class TestPatterns:
         venue = hand_session.session.parents[1]
         ran = procam("session", "plan", venue, venue / "again", "--json")
         assert Path(json.loads(ran.out)["session"]).name == "hand-0002"
-        with quick_simulator():
-            ran = procam("session", "capture", venue, "--json")
+        ran = procam("session", "capture", venue, "--json")
         assert Path(json.loads(ran.out)["session"]).name == "0001"
 
     def test_refusals(self, hand_session: HandSession, tmp_path: Path) -> None:
@@ -183,8 +171,7 @@ class TestPatterns:
             ((venue / "no", new), "venue.toml: no such file"),
             ((f"{venue}@1", new), "takes no calibration, but a venue"),
         ):
-            ran = procam("session", "plan", *arguments)
-            assert (ran.code, message in ran.complaint) == (2, True), ran
+            assert message in refused("session", "plan", *arguments)
         assert not new.exists()
         assert [p.name for p in hand_session.session.parent.iterdir()] == ["hand-0001"]
 
@@ -193,17 +180,11 @@ class TestPatterns:
     ) -> None:
         monkeypatch.setitem(sys.modules, "av", None)
         venue = hand_session.session.parents[1]
-        ran = procam("session", "plan", venue, venue / "new", "--movie")
-        assert (ran.code, "pip install 'procam[video]'" in ran.complaint) == (2, True)
+        assert "pip install 'procam[video]'" in refused(
+            "session", "plan", venue, venue / "new", "--movie"
+        )
         assert not (venue / "new").exists()
         assert [p.name for p in hand_session.session.parent.iterdir()] == ["hand-0001"]
-
-    def test_movies(self, tmp_path: Path) -> None:
-        pytest.importorskip("av", reason="needs the extra `video`")
-        one = SceneSize(projectors=1, projector_size=PANEL, camera_size=PHOTO, rays=64)
-        make_venue(tmp_path, size=one)
-        assert procam("session", "plan", tmp_path, tmp_path / "out", "--movie").code == 0
-        assert (tmp_path / "out" / "south.mov").stat().st_size > 10_000
 
 
 class TestIngest:
@@ -264,13 +245,6 @@ class TestIngest:
         ran = hand_session.ingest(more, "--index", index)
         assert "4 photographs stored" in ran.out and "nothing is missing" in ran.out
         assert len(hand_session.stored()) == EXPOSURES
-
-    def test_a_second_time_nothing_changes(self, hand_session: HandSession, roll: Path) -> None:
-        hand_session.ingest(roll)
-        before = contents(hand_session.session)
-        ran = hand_session.ingest(roll)
-        assert (ran.code, "0 photographs stored" in ran.out) == (0, True)
-        assert contents(hand_session.session) == before
 
     def test_an_unreadable_number_is_guessed_only_if_asked(
         self, hand_session: HandSession, photos: Path
@@ -341,8 +315,9 @@ class TestIngest:
             aside = hand_session.session / "undone" / f"{CAMERA}-{number}"
             assert f"are in {aside} now" in ran.out and not hand_session.stored()
             assert len(list(aside.glob("*.tif"))) == len(stored)
-        ran = procam("session", "undo", hand_session.session, "--camera", "other")
-        assert (ran.code, "no camera 'other'; venue.toml has" in ran.complaint) == (2, True)
+        assert "no camera 'other'; venue.toml has" in refused(
+            "session", "undo", hand_session.session, "--camera", "other"
+        )
 
     def test_headers_tell_exposure_and_time(
         self, hand_session: HandSession, tmp_path: Path
@@ -359,7 +334,7 @@ class TestIngest:
                     "ExposureTime": exposures[planned],
                     "Exif__DateTimeOriginal": f"2026:01:02 03:{second // 60:02d}:{second % 60:02d}",
                 }
-                with_header(photos / f"P{next(names):03d}.tif", pixels, **header)
+                write_with_header(photos / f"P{next(names):03d}.tif", pixels, **header)
         ran = hand_session.ingest(photos)
         assert (ran.code, "13 photographs stored" in ran.out) == (0, True), ran
         plan = Session(hand_session.session).read_plan()
@@ -372,7 +347,7 @@ class TestIngest:
         assert (again.code, "0 photographs stored" in again.out) == (0, True), again
         dark = photograph(hand_session.out, hand_session.order()[0], 3.0)
         (tmp_path / "one").mkdir()
-        with_header(tmp_path / "one" / "dark.tif", dark, ExposureTime=3.0)
+        write_with_header(tmp_path / "one" / "dark.tif", dark, ExposureTime=3.0)
         (tmp_path / "index.csv").write_text("dark.tif,dark\n", "utf-8")
         index = "--index", tmp_path / "index.csv"
         ran = hand_session.ingest(tmp_path / "one", "--replace", *index)
@@ -381,24 +356,9 @@ class TestIngest:
         assert Session(hand_session.session).read_plan().shots[0].exposures_s == (0.13, 6.5)
 
 
-def _spoil_bits(photos: Path) -> None:
-    path = photos / "img_5.tif"
-    write_image(path, (read_image(path) / 16).astype(np.uint8))
-
-
-def _spoil_scale(photos: Path) -> None:
-    path = photos / "img_5.tif"
-    write_image(path, (read_image(path) * 16).astype(np.uint16))
-
-
 def _spoil_size(photos: Path) -> None:
     path = photos / "img_5.tif"
     write_image(path, np.ascontiguousarray(np.swapaxes(read_image(path), 0, 1)[:, ::-1]))
-
-
-def _spoil_length(photos: Path) -> None:
-    path = photos / "img_40.tif"
-    path.write_bytes(path.read_bytes()[:5000])
 
 
 def _spoil_colour(photos: Path) -> None:
@@ -409,17 +369,14 @@ def _spoil_colour(photos: Path) -> None:
 def _spoil_iso(photos: Path) -> None:
     for number, aperture in ((4, 4.0), (5, 5.6)):
         path = photos / f"img_{number}.tif"
-        with_header(path, np.asarray(read_image(path)), FNumber=aperture)
+        write_with_header(path, np.asarray(read_image(path)), FNumber=aperture)
 
 
 class TestRefused:
     @pytest.mark.parametrize(
         ("spoil", "message"),
         [
-            (_spoil_bits, "img_5.tif has 8 bits, and its response is not known"),
-            (_spoil_scale, "bits = 12 allows less than 4096"),
             (_spoil_size, "img_5.tif: 200x240 px, but venue.toml gives its camera 240x200"),
-            (_spoil_length, "img_40.tif is truncated or damaged"),
             (_spoil_colour, "img_2.tif: one channel, but shot south-0000 needs R, G and B"),
             (
                 _spoil_iso,
@@ -520,45 +477,8 @@ class TestResponse:
         shot = next(shot for shot in session.read_plan().shots if shot.id == slot[0])
         assert session.load(CAMERA, shot, slot[1], PHOTO).counts.max() < 2**BITS
 
-    def test_a_table(self, hand_session: HandSession, photos: Path) -> None:
-        venue = hand_session.session.parents[1]
-        toml = venue / "venue.toml"
-        toml.write_text(toml.read_text().replace('"linear"', '"curve.csv"'))
-        assert "curve.csv: no such file" in hand_session.ingest(photos).complaint
-        (venue / "curve.csv").write_text("level,light\n0,0\n0.5,0.4\n0.5,0.5\n1,1\n")
-        assert (
-            "the lines level,light must rise from 0,0 to 1,1"
-            in hand_session.ingest(photos).complaint
-        )
-        (venue / "curve.csv").write_text("level,light\n0,0\n0.5,0.2\n1,1\n")
-        pixels = (np.asarray(read_image(photos / "img_2.tif")) / 16).astype(np.uint8)
-        only = photos.parent / "only"
-        only.mkdir()
-        write_image(only / "a.png", pixels)
-        assert "1 photographs stored" in hand_session.ingest(only).out
-        session = Session(hand_session.session)
-        shot = session.read_plan().shots[1]
-        counts = session.load(CAMERA, shot, shot.exposures_s[0], PHOTO).counts
-        light = np.interp(pixels / 255, [0, 0.5, 1], [0, 0.2, 1])
-        expected = BLACK + light * (2**DECODED_BITS - 1 - BLACK)
-        np.testing.assert_allclose(counts, expected, atol=0.5)
 
-    def test_an_unknown_one(self, hand_session: HandSession) -> None:
-        toml = hand_session.session.parents[1] / "venue.toml"
-        toml.write_text(toml.read_text().replace('"linear"', '"rec709"'))
-        ran = procam(
-            "session", "add", hand_session.session, "--camera", CAMERA, "--photos", hand_session.out
-        )
-        assert (ran.code, "cameras.zenith.response is 'rec709'" in ran.complaint) == (2, True)
-
-
-@pytest.fixture
-def quick() -> Iterator[None]:
-    with quick_simulator():
-        yield
-
-
-@pytest.mark.usefixtures("quick", "no_report")
+@pytest.mark.usefixtures("no_report")
 def test_solves_like_a_driven_session(tmp_path: Path) -> None:
     """Photographed by a camera of another venue, with only the PNGs; then the same dome, driven."""
     size = SceneSize(projectors=1, projector_size=(320, 200), camera_size=(400, 400), rays=64)

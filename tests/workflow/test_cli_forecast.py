@@ -8,14 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import OpenImageIO as oiio
 import pytest
-from tiny_venue import procam
+from linear_pictures import write_picture
+from picture_files import write_wide_gamut
+from tiny_venue import procam, refused
 
 from procam.files.calibration import save_calibration
 from procam.files.images.pixels import read_image, write_image
-from procam.files.images.profiles import NAMED
-from procam.files.images.stills import write_picture
 from procam.interfaces.cli import forecast as command
 from procam.maths.geometry.sphere import master_solid_angles
 from procam.model.calibration import Calibration
@@ -65,18 +64,6 @@ def _said(*arguments: object) -> str:
 
 
 class TestPlanned:
-    def test_black_floor_and_all_lit_is_the_textbook_hemisphere(self) -> None:
-        message = _document(
-            "--albedo", 0.5, "--coverage", 1, "--floor-albedo", 0, "--albedo-sigma", 0
-        )
-        light = message["light"]
-        assert light["feedback"]["value"] == pytest.approx(1 / 3)
-        assert light["scattered_share"]["value"] == pytest.approx(0.25)
-        assert light["checkerboard_scatter"]["value"] == pytest.approx(7.0)
-        assert all(figure["low"] == figure["high"] for figure in light.values())
-        assert message["unit"] == "x direct white"
-        assert message["pictures"] == {}
-
     def test_lumens_and_radius_make_it_luminance(self) -> None:
         message = _document(*PLAN, "--lumens", 60000, "--radius-m", 8)
         area = 0.9 * 2 * np.pi * 64
@@ -98,12 +85,6 @@ class TestPlanned:
         assert re.search(r"can be shown without clipping +no\n", said)
         for text in message["assumptions"]:
             assert text.split()[0] in said.partition("assumed:")[2]
-
-    def test_half_black_and_white_gives_the_same_with_and_without(self) -> None:
-        row = re.search(r"if projectors' black were none +(.+)", _said(*PLAN))
-        assert row is not None
-        before, after = re.split(r"\s{3,}", row[1])
-        assert before == after
 
     def test_what_does_not_exist_is_null_and_a_dash(self, tmp_path: Path) -> None:
         grey = tmp_path / "grey.exr"
@@ -149,14 +130,12 @@ class TestMeasured:
         assert message["light"]["white_after"]["value"] == pytest.approx(expected)
 
     def test_its_own_options_are_refused(self, venue: Path) -> None:
-        ran = procam("forecast", venue, *PLAN, "--radius-m", 5)
-        assert ran.code == 2
-        assert "--albedo, --coverage, --radius-m cannot be combined with" in ran.complaint
+        assert "--albedo, --coverage, --radius-m cannot be combined with" in refused(
+            "forecast", venue, *PLAN, "--radius-m", 5
+        )
 
     def test_without_a_calibration(self, tmp_path: Path) -> None:
-        ran = procam("forecast", tmp_path)
-        assert ran.code == 2
-        assert "has no calibration.json; a calibration directory" in ran.complaint
+        assert "has no calibration.json; a calibration directory" in refused("forecast", tmp_path)
 
 
 class TestFiles:
@@ -177,9 +156,9 @@ class TestFiles:
         self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         monkeypatch.setitem(sys.modules, "matplotlib", None)
-        ran = procam("forecast", *PLAN, "--out", tmp_path / "out")
-        assert ran.code == 2
-        assert 'run: pip install "procam[report]"' in ran.complaint
+        assert 'run: pip install "procam[report]"' in refused(
+            "forecast", *PLAN, "--out", tmp_path / "out"
+        )
         assert not (tmp_path / "out").exists()
 
 
@@ -188,32 +167,21 @@ class TestRefusals:
         ("arguments", "words"),
         [
             (("--albedo", 0.5), "forecast needs --albedo and --coverage, or a VENUE"),
-            (("--albedo", 1.5, "--coverage", 1), "albedo: 1.5 is not between 0 and 1"),
-            (("--albedo", 0.5, "--coverage", 1.1), "coverage: 1.1 must be above 0"),
-            ((*PLAN, "--albedo-sigma", 0.4), "albedo sigma: 0.4 must be 0 or more"),
-            ((*PLAN, "--reflecting", 0.5), "coverage: 0.9 must be above 0 and at most 0"),
-            ((*PLAN, "--half-angle-deg", 120), "half angle: 120 degrees must be above 0"),
-            ((*PLAN, "--contrast", 0), "contrast: 0 must be above 1"),
-            ((*PLAN, "--floor-albedo", 2), "floor albedo: 2 must be between 0 and 1"),
-            ((*PLAN, "--radius-m", -1), "radius_m is -1.0; it needs a length above 0 metres"),
             ((*PLAN, "--lumens", 9), "--lumens needs --radius-m"),
             (
                 (*PLAN, "--lumens", 0, "--radius-m", 5),
                 "--lumens is 0; the sum of all projectors is above 0",
             ),
-            ((*PLAN, "nonesuch.png"), "nonesuch.png: no such file; an image is needed"),
         ],
     )
     def test_one_line_each(self, arguments: tuple[object, ...], words: str) -> None:
-        ran = procam("forecast", *arguments)
-        assert ran.code == 2
-        assert words in ran.complaint
+        assert words in refused("forecast", *arguments)
 
     def test_a_picture_that_is_not_square(self, tmp_path: Path) -> None:
         write_image(tmp_path / "wide.png", np.zeros((10, 20, 3), np.uint8))
-        ran = procam("forecast", *PLAN, tmp_path / "wide.png", "--out", tmp_path / "out")
-        assert ran.code == 2
-        assert "wide.png: 20x10 px is no dome master" in ran.complaint
+        assert "wide.png: 20x10 px is no dome master" in refused(
+            "forecast", *PLAN, tmp_path / "wide.png", "--out", tmp_path / "out"
+        )
         assert not (tmp_path / "out").exists()
 
 
@@ -232,10 +200,5 @@ def test_a_venue_with_a_hand_meter_is_forecast_in_its_units(
 
 
 def test_a_picture_of_other_primaries_is_converted_and_named(tmp_path: Path) -> None:
-    spec = oiio.ImageSpec(SIZE, SIZE, 3, "float")
-    spec.attribute("chromaticities", oiio.TypeDesc("float[8]"), NAMED["Rec.2020"])
-    output = oiio.ImageOutput.create(str(tmp_path / "wide.exr"))
-    assert output.open(str(tmp_path / "wide.exr"), spec)
-    assert output.write_image(np.full((SIZE, SIZE, 3), 0.5, np.float32)) and output.close()
-    ran = procam("forecast", *PLAN, tmp_path / "wide.exr", "--json")
+    ran = procam("forecast", *PLAN, write_wide_gamut(tmp_path / "wide.exr", SIZE), "--json")
     assert "has the colour profile Rec.2020" in json.loads(ran.out)["assumptions"][-1]

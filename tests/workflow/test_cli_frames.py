@@ -2,7 +2,6 @@
 
 import csv
 import json
-import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -10,14 +9,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tiny_venue import Ran, procam, warped
+from tiny_venue import Ran, procam, refused, warped
 from tolerances import FLOAT32
 
 from procam.compensate.compensator import Compensator
 from procam.compensate.projector_frames import Warper
 from procam.errors import InputError
 from procam.files.calibration import save_calibration
-from procam.files.images.layers import RGB, read_channels, write_channels
+from procam.files.images.layers import RGB
 from procam.files.images.pixels import read_image, write_image
 from procam.files.images.stills import read_still
 from procam.maths.light.curves import srgb_decode, srgb_encode
@@ -27,13 +26,6 @@ from procam.workflows.sample_content import half_sky
 
 SIZE, FIRST, COUNT = 48, 7, 4
 NUMBERS = range(FIRST, FIRST + COUNT)
-
-
-@pytest.fixture(scope="module")
-def kept(tmp_path_factory: pytest.TempPathFactory, calibration: Calibration) -> Path:
-    directory = tmp_path_factory.mktemp("clip") / "0001"
-    save_calibration(calibration, directory)
-    return directory
 
 
 def sky(index: int, dtype: type = np.float16) -> np.ndarray:
@@ -63,19 +55,6 @@ def assert_same(found: np.ndarray, expected: np.ndarray) -> None:
     apart = np.abs(found.astype(int) - expected)
     assert apart.max() <= 1
     assert (apart > 0).mean() < 0.01
-
-
-def spoiled(
-    kept: Path, directory: Path, values: dict[str, float], rows: slice = slice(None)
-) -> Path:
-    """A copy of a calibration with other values in rows of channels of its dome's maps."""
-    shutil.copytree(kept, directory)
-    path = directory / "maps" / "dome.exr"
-    channels = {name: np.array(pixels) for name, pixels in read_channels(path).items()}
-    for name, value in values.items():
-        channels[name][rows] = value
-    write_channels(path, channels)
-    return directory
 
 
 def names(folder: Path) -> list[str]:
@@ -199,8 +178,9 @@ class TestResume:
         bad = source / f"sky.{FIRST + 2:04d}.exr"
         whole = bad.read_bytes()
         bad.write_bytes(whole[: len(whole) // 2])
-        ran = procam("compensate", kept, source, tmp_path / "out")
-        assert (ran.code, f"{bad} is truncated or damaged" in ran.complaint) == (2, True)
+        assert f"{bad} is truncated or damaged" in refused(
+            "compensate", kept, source, tmp_path / "out"
+        )
         there = sorted(p.name for p in (tmp_path / "out").glob("*.exr"))
         assert there == [f"sky.{n:04d}.exr" for n in (FIRST, FIRST + 1)]
         assert not list((tmp_path / "out").glob(".*"))
@@ -226,27 +206,18 @@ class TestRefused:
         light[20, 20, 1] = np.nan
         write_image(path, light, RGB)
 
-    def oblong(self, path: Path) -> None:
-        write_image(path, sky(0)[:-2], RGB)
-
     def other_size(self, path: Path) -> None:
         write_image(path, np.zeros((SIZE + 2, SIZE + 2, 3), np.float16), RGB)
 
     def other_type(self, path: Path) -> None:
         write_image(path, sky(0, np.float32), RGB)
 
-    def premultiplied(self, path: Path) -> None:
-        alpha = np.full((SIZE, SIZE, 1), 0.5, np.float16)
-        write_image(path, np.dstack([sky(0), alpha]), (*RGB, "A"))
-
     @pytest.mark.parametrize(
         ("spoil", "words"),
         [
             (nan, "1 values are NaN or infinite"),
-            (oblong, f"{SIZE}x{SIZE - 2} px is no dome master"),
             (other_size, f"{SIZE + 2} px, but the first frame has {SIZE}"),
             (other_type, "float32 pixels in linear, but the first frame has float16 in linear"),
-            (premultiplied, "has premultiplied alpha below 1 in"),
         ],
     )
     def test_a_bad_frame_is_named(
@@ -254,19 +225,11 @@ class TestRefused:
     ) -> None:
         bad = shoot(tmp_path / "in") / f"sky.{FIRST + COUNT - 1:04d}.exr"
         spoil(self, bad)
-        ran = procam("compensate", kept, tmp_path / "in", tmp_path / "out")
-        assert (ran.code, words in ran.complaint, str(bad) in ran.complaint) == (2, True, True), ran
+        complaint = refused("compensate", kept, tmp_path / "in", tmp_path / "out")
+        assert words in complaint
+        assert str(bad) in complaint
         assert not (tmp_path / "out" / bad.name).exists()
         assert not list((tmp_path / "out").glob(".*"))
-
-    @pytest.mark.parametrize("run", [partial(procam, "compensate"), warped])
-    def test_gaps(self, run: Callable[..., Ran], kept: Path, tmp_path: Path) -> None:
-        source = shoot(tmp_path / "in")
-        (source / f"sky.{FIRST + 1:04d}.exr").unlink()
-        ran = run(kept, source / "sky.%04d.exr", tmp_path / "out")
-        words = f": sky.{FIRST + 1:04d}.exr missing between"
-        assert (ran.code, words in ran.complaint) == (2, True)
-        assert not (tmp_path / "out").exists()
 
     @pytest.mark.parametrize(
         ("arguments", "words"),
@@ -290,8 +253,7 @@ class TestRefused:
         shoot(tmp_path / "in")
         before = names(tmp_path / "in")
         source, out, *more = arguments
-        ran = procam("compensate", kept, tmp_path / source, tmp_path / out, *more)
-        assert (ran.code, words in ran.complaint) == (2, True), ran
+        assert words in refused("compensate", kept, tmp_path / source, tmp_path / out, *more)
         assert (names(tmp_path), names(tmp_path / "in")) == (["in"], before)
 
     def test_light_above_one_is_reported_and_clipped(self, kept: Path, tmp_path: Path) -> None:
@@ -305,28 +267,38 @@ class TestRefused:
             in ran.out
         )
 
-    def test_a_calibration_that_has_not_measured_light(self, kept: Path, tmp_path: Path) -> None:
+    @pytest.mark.parametrize("run", [partial(procam, "compensate"), warped])
+    def test_a_calibration_that_has_not_measured_light(
+        self, run: Callable[..., Ran], calibration: Calibration, tmp_path: Path
+    ) -> None:
         source = shoot(tmp_path / "in")
-        dark = spoiled(kept, tmp_path / "dark", {"coverage": 0})
-        ran = procam("compensate", dark, source, tmp_path / "out")
+        maps = replace(calibration.maps, hi=np.zeros_like(calibration.maps.hi))
+        save_calibration(replace(calibration, maps=maps), tmp_path / "dark")
+        ran = run(tmp_path / "dark", source, tmp_path / "out")
         assert (ran.code, "has no photometry" in ran.complaint) == (2, True), ran
         assert not (tmp_path / "out").exists()
 
-    @pytest.mark.parametrize("name", ["scatter_per_flux", "lo", "hi"])
-    def test_a_map_with_a_hole_is_named(self, name: str, kept: Path, tmp_path: Path) -> None:
-        source = shoot(tmp_path / "in")
-        torn = spoiled(kept, tmp_path / "torn", {f"{name}.G": np.nan}, slice(48, 49))
-        ran = procam("compensate", torn, source, tmp_path / "out")
-        words = f"places of its map {name} are NaN or infinite"
-        assert (ran.code, words in ran.complaint) == (2, True), ran
-        assert not (tmp_path / "out").exists()
-
-    def test_more_than_full_coverage_is_named(self, kept: Path, tmp_path: Path) -> None:
-        source = shoot(tmp_path / "in")
-        torn = spoiled(kept, tmp_path / "torn", {"coverage": 2}, slice(48, 49))
-        ran = procam("compensate", torn, source, tmp_path / "out")
-        words = "places of its map coverage are below 0, above 1 or NaN"
-        assert (ran.code, words in ran.complaint) == (2, True), ran
+    @pytest.mark.parametrize(
+        ("name", "rows", "value", "words"),
+        [
+            ("coverage", slice(None), 0, "has no photometry"),
+            ("scatter_per_flux", slice(None), np.nan, "has no photometry"),
+            ("scatter_per_flux", 48, np.nan, "map scatter_per_flux are NaN or infinite"),
+            ("lo", 48, np.nan, "map lo are NaN or infinite"),
+            ("hi", 48, np.nan, "map hi are NaN or infinite"),
+            ("coverage", 48, 2, "map coverage are below 0, above 1 or NaN"),
+            ("falloff", slice(None), 0, "map falloff are 0 or less, NaN"),
+            ("falloff", slice(None), np.nan, "map falloff are 0 or less, NaN"),
+        ],
+    )
+    def test_maps_that_cannot_be(
+        self, name: str, rows: slice | int, value: float, words: str, calibration: Calibration
+    ) -> None:
+        known = getattr(calibration.maps, name)
+        torn = np.ones_like(calibration.maps.coverage) if known is None else known.copy()
+        torn[rows] = value
+        with pytest.raises(InputError, match=words):
+            require_photometry(replace(calibration, maps=replace(calibration.maps, **{name: torn})))
 
     def test_places_are_counted_once_for_all_colours(self, calibration: Calibration) -> None:
         hi = calibration.maps.hi.copy()
@@ -334,31 +306,6 @@ class TestRefused:
         torn = replace(calibration, maps=replace(calibration.maps, hi=hi))
         with pytest.raises(InputError, match="damaged: 4 places of its map hi are NaN"):
             require_photometry(torn)
-
-    def test_scattered_light_that_is_known_nowhere(self, calibration: Calibration) -> None:
-        unknown = np.full_like(calibration.maps.scatter_per_flux, np.nan)
-        maps = replace(calibration.maps, scatter_per_flux=unknown)
-        with pytest.raises(InputError, match="has no photometry"):
-            require_photometry(replace(calibration, maps=maps))
-
-    @pytest.mark.parametrize("value", [0, np.nan])
-    def test_a_falloff_that_is_none(self, value: float, calibration: Calibration) -> None:
-        maps = replace(calibration.maps, falloff=np.full_like(calibration.maps.coverage, value))
-        with pytest.raises(InputError, match="map falloff are 0 or less, NaN"):
-            require_photometry(replace(calibration, maps=maps))
-
-    @pytest.mark.parametrize("change", [{"degree": 1}, {"degree": 7}, {"matrix": [[["x"]]] * 3}])
-    def test_a_kernel_that_is_none(
-        self, change: dict[str, object], kept: Path, tmp_path: Path
-    ) -> None:
-        source, torn = shoot(tmp_path / "in"), tmp_path / "torn"
-        shutil.copytree(kept, torn)
-        document = json.loads((torn / "calibration.json").read_text())
-        document["scatter_kernel"] |= change
-        (torn / "calibration.json").write_text(json.dumps(document))
-        ran = procam("compensate", torn, source, tmp_path / "out")
-        assert (ran.code, "damaged calibration" in ran.complaint) == (2, True), ran
-        assert not (tmp_path / "out").exists()
 
 
 class TestWarp:
@@ -376,24 +323,3 @@ class TestWarp:
             for name, frame in warper.frame(light).items():
                 found = read_image(out / name / f"sky.{number:04d}.png")
                 np.testing.assert_array_equal(found, frame)
-
-    def test_it_resumes(self, kept: Path, tmp_path: Path) -> None:
-        source, out = shoot(tmp_path / "in"), tmp_path / "frames"
-        assert warped(kept, source, out).code == 0
-        first = {p: p.stat().st_mtime_ns for p in out.rglob("*.png")}
-        (out / "south" / f"sky.{FIRST:04d}.png").unlink()
-        assert warped(kept, source, out).code == 0
-        again = {p: p.stat().st_mtime_ns for p in out.rglob("*.png")}
-        assert {p.stem for p in first if again[p] != first[p]} == {f"sky.{FIRST:04d}"}
-
-    def test_into_its_own_source_is_refused(self, kept: Path, tmp_path: Path) -> None:
-        shoot(tmp_path / "south", ".png", np.uint16)
-        ran = warped(kept, tmp_path / "south", tmp_path)
-        assert (ran.code, "is IN itself" in ran.complaint) == (2, True)
-
-    def test_a_calibration_that_has_not_measured_light(self, kept: Path, tmp_path: Path) -> None:
-        source = shoot(tmp_path / "in")
-        dark = spoiled(kept, tmp_path / "dark", {f"hi.{c}": 0 for c in RGB})
-        ran = warped(dark, source, tmp_path / "frames")
-        assert (ran.code, "has no photometry" in ran.complaint) == (2, True), ran
-        assert not (tmp_path / "frames").exists()

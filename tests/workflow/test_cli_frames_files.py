@@ -12,25 +12,17 @@ from tiny_venue import procam
 
 from procam.compensate.compensator import Compensator
 from procam.errors import InputError
-from procam.files.calibration import save_calibration
 from procam.files.images.layers import RGB
 from procam.files.images.pixels import write_image
 from procam.model.calibration import Calibration
 from procam.model.mask import Mask
+from procam.workflows.playout.compensate import refuse_overwriting
 from procam.workflows.playout.explain import explain
 from procam.workflows.playout.frame import FrameSettings
-from procam.workflows.playout.overwrite_check import refuse_overwriting
 from procam.workflows.playout.sources import ClipFrame
 from procam.workflows.sample_content import half_sky
 
 SIZE = 48
-
-
-@pytest.fixture(scope="module")
-def kept(tmp_path_factory: pytest.TempPathFactory, calibration: Calibration) -> Path:
-    directory = tmp_path_factory.mktemp("files") / "0001"
-    save_calibration(calibration, directory)
-    return directory
 
 
 def picture(path: Path) -> Path:
@@ -42,10 +34,10 @@ def contents(folder: Path) -> dict[str, bytes]:
     return {str(p): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
 
 
-def assert_refused(folder: Path, command: str, words: str, *arguments: object) -> None:
+def assert_refused(folder: Path, words: str, *arguments: object) -> None:
     """Refused in one line, and nothing is there that was not, or is other than it was."""
     before = contents(folder)
-    ran = procam(command, *arguments)
+    ran = procam("compensate", *arguments)
     assert (ran.code, words in ran.complaint, ran.err.count("\n")) == (2, True, 1), ran
     assert contents(folder) == before
 
@@ -70,7 +62,7 @@ class TestOverwriting:
         pytest.importorskip("matplotlib", reason="needs the extra `report`")
         ends = picture(tmp_path / source), tmp_path / out
         asked = more[0], tmp_path / more[1]
-        assert_refused(tmp_path, "compensate", words, kept, *ends, *asked)
+        assert_refused(tmp_path, words, kept, *ends, *asked)
 
     def test_by_an_explanation_through_links(self, kept: Path, tmp_path: Path) -> None:
         pytest.importorskip("matplotlib", reason="needs the extra `report`")
@@ -78,19 +70,19 @@ class TestOverwriting:
         (tmp_path / "why").symlink_to(tmp_path)
         os.link(tmp_path / "sky.0001.png", tmp_path / "limits.exr")
         words = "limits.exr is IN itself"
-        assert_refused(tmp_path, "compensate", words, kept, *ends, "--explain", tmp_path / "why")
+        assert_refused(tmp_path, words, kept, *ends, "--explain", tmp_path / "why")
 
     def test_by_a_padding_that_meets_another(self, kept: Path, tmp_path: Path) -> None:
         for number in range(8, 12):
             picture(tmp_path / f"sky.{number}.png")
         ends = tmp_path / "sky.%d.png", tmp_path / "sky.%02d.png"
-        assert_refused(tmp_path, "compensate", "sky.10.png is IN itself", kept, *ends)
+        assert_refused(tmp_path, "sky.10.png is IN itself", kept, *ends)
 
     def test_by_another_way_to_the_same_folder(self, kept: Path, tmp_path: Path) -> None:
         source = picture(tmp_path / "in" / "sky.1.png").parent
         (tmp_path / "way").symlink_to(source)
         ends = source, tmp_path / "way"
-        assert_refused(tmp_path, "compensate", "is IN itself", kept, *ends)
+        assert_refused(tmp_path, "is IN itself", kept, *ends)
 
     @pytest.mark.parametrize("way", [Path.symlink_to, Path.hardlink_to])
     def test_by_another_name_of_the_same_file(
@@ -98,48 +90,22 @@ class TestOverwriting:
     ) -> None:
         source, out = picture(tmp_path / "a.png"), tmp_path / "b.png"
         way(out, source)
-        assert_refused(tmp_path, "compensate", "is IN itself", kept, source, out)
+        assert_refused(tmp_path, "is IN itself", kept, source, out)
 
     def test_by_frames_of_projectors(self, kept: Path, tmp_path: Path) -> None:
         still = picture(tmp_path / "w2" / "north.png")
-        assert_refused(
-            tmp_path,
-            "compensate",
-            "north.png is IN itself",
-            kept,
-            still,
-            still.parent,
-            "--to",
-            "projectors",
-        )
+        words = "north.png is IN itself"
+        assert_refused(tmp_path, words, kept, still, still.parent, *FRAMES)
         for number in range(8, 12):
             picture(tmp_path / "north" / f"sky.{number}.png")
         source = tmp_path / "north" / "sky.%d.png"
-        assert_refused(
-            tmp_path,
-            "compensate",
-            "sky.8.png is IN itself",
-            kept,
-            source,
-            tmp_path,
-            "--to",
-            "projectors",
-        )
+        assert_refused(tmp_path, "sky.8.png is IN itself", kept, source, tmp_path, *FRAMES)
 
     def test_by_movies_of_projectors(self, kept: Path, tmp_path: Path) -> None:
         pytest.importorskip("av", reason="needs the extra `video`")
         source = tmp_path / "south.mkv"
         source.write_bytes(b"a movie")
-        assert_refused(
-            tmp_path,
-            "compensate",
-            "south.mkv is IN itself",
-            kept,
-            source,
-            tmp_path,
-            "--to",
-            "projectors",
-        )
+        assert_refused(tmp_path, "south.mkv is IN itself", kept, source, tmp_path, *FRAMES)
 
     def test_what_is_apart_is_not_refused(self, tmp_path: Path) -> None:
         source = picture(tmp_path / "a.png")

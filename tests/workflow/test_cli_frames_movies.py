@@ -5,28 +5,21 @@ from collections.abc import Callable
 from fractions import Fraction
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from tiny_venue import Ran, procam, warped
+from lossless_movies import SRGB, write_lossless
+from tiny_venue import Ran, procam, refused, warped
 
 from procam.compensate.compensator import Compensator
 from procam.compensate.projector_frames import Warper
-from procam.files.calibration import save_calibration
 from procam.files.images.movies import MovieReader
 from procam.maths.light.curves import srgb_decode, srgb_encode
 from procam.model.calibration import Calibration
 from procam.workflows.sample_content import half_sky
 
-av = pytest.importorskip("av", reason="needs the extra `video`")
 SIZE, FRAMES = 48, 4
-
-
-@pytest.fixture(scope="module")
-def kept(tmp_path_factory: pytest.TempPathFactory, calibration: Calibration) -> Path:
-    directory = tmp_path_factory.mktemp("movies") / "0001"
-    save_calibration(calibration, directory)
-    return directory
 
 
 def shots(alpha: bool = False) -> list[np.ndarray]:
@@ -39,27 +32,10 @@ def shots(alpha: bool = False) -> list[np.ndarray]:
 
 
 def shoot(
-    path: Path,
-    trc: int = 13,
-    frames: list[np.ndarray] | None = None,
-    primaries: int = 2,
-    lost: int | None = None,
+    path: Path, transfer: int = SRGB, frames: list[np.ndarray] | None = None, **more: Any
 ) -> Path:
-    """A lossless movie; with an alpha channel if the frames have one. One frame may be `lost`."""
     frames = shots() if frames is None else frames
-    source, stored = ("rgba", "bgra") if frames[0].shape[2] == 4 else ("rgb24", "bgr0")
-    with av.open(str(path), "w") as movie:
-        stream = movie.add_stream("ffv1", rate=Fraction(24000, 1001))
-        stream.height, stream.width, stream.pix_fmt = *frames[0].shape[:2], stored
-        stream.codec_context.color_trc = trc
-        stream.codec_context.color_primaries = primaries
-        for number, shot in enumerate(frames):
-            frame = av.VideoFrame.from_ndarray(shot, format=source)
-            frame.pts = number
-            if number != lost:
-                movie.mux(stream.encode(frame))
-        movie.mux(stream.encode())
-    return path
+    return write_lossless(path, frames, rate=Fraction(24000, 1001), transfer=transfer, **more)
 
 
 def shown(path: Path) -> list[np.ndarray]:
@@ -136,7 +112,7 @@ class TestCompensate:
         assert out.stat().st_mtime_ns > first
 
     def test_a_movie_without_a_named_transfer_function(self, kept: Path, tmp_path: Path) -> None:
-        source, out = shoot(tmp_path / "m.mkv", trc=2), tmp_path / "o.mkv"
+        source, out = shoot(tmp_path / "m.mkv", transfer=2), tmp_path / "o.mkv"
         ran = procam("compensate", kept, source, out)
         words = (
             "no transfer function that procam knows (its file says nothing of it); give one with --transfer: "
@@ -170,18 +146,14 @@ class TestCompensate:
             ("m.mkv", "o.mp4", "written as .mov (ProRes 4444)"),
             ("m.mkv", "o.png", "written as .mov"),
             ("m.mkv", "m.mkv", "is IN itself"),
-            ("none.mkv", "o.mkv", "no such file; a movie is needed"),
-            ("cut.mov", "o.mkv", "not a complete movie"),
             ("wide.mkv", "o.mkv", f"{SIZE}x{SIZE - 8} px is no dome master"),
         ],
     )
     def test_refusals(self, source: str, out: str, words: str, kept: Path, tmp_path: Path) -> None:
         shoot(tmp_path / "m.mkv")
         shoot(tmp_path / "wide.mkv", frames=[shot[8:] for shot in shots()])
-        (tmp_path / "cut.mov").write_bytes(b"\0\0\0\x14ftypqt  ")
         before = sorted(tmp_path.iterdir())
-        ran = procam("compensate", kept, tmp_path / source, tmp_path / out)
-        assert (ran.code, words in ran.complaint) == (2, True), ran
+        assert words in refused("compensate", kept, tmp_path / source, tmp_path / out)
         assert sorted(tmp_path.iterdir()) == before
 
 

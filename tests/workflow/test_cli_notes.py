@@ -5,7 +5,7 @@ import re
 from pathlib import Path
 
 import pytest
-from tiny_venue import make_venue, procam, quick_simulator, take_session
+from tiny_venue import make_venue, procam, take_session
 
 FIDUCIALS = re.compile(r"\[\[fiducials\]\]\n(?:\w.*\n)+")
 POLE = "the dome's front and pole are not known: list two or more [[fiducials]] in venue.toml"
@@ -17,8 +17,7 @@ TAG = "tag 77: no camera sees it"
 def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A captured venue whose venue.toml fixes nothing in space."""
     venue = make_venue(tmp_path_factory.mktemp("venue"))
-    with quick_simulator():
-        taken = take_session(venue).directory
+    taken = take_session(venue).directory
     path = venue.directory / "venue.toml"
     text = FIDUCIALS.sub("", path.read_text("utf-8"))
     text = re.sub(r"^radius_m = .*\n", "", text, count=1, flags=re.MULTILINE)

@@ -4,16 +4,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tiny_venue import TINY_PAIR, quick_simulator
+from tiny_venue import TINY_PAIR
 
 from procam.estimate import calibration as assemble
 from procam.interfaces import judge
 from procam.maths.geometry.sphere import master_directions, master_solid_angles
-from procam.workflows.sample_content import CONTENTS, night
 from simulators import transport, truth
 from simulators.presets import PRESETS, PresetName
 from simulators.scene import ALL_BANDS, DomeScene, SceneSize
 from studies import content
+from studies.contents import CONTENTS, night
 
 SMALL = SceneSize(projectors=2, projector_size=(160, 100), camera_size=(260, 260), rays=128)
 MASTER = 128
@@ -21,7 +21,7 @@ MASTER = 128
 
 @pytest.fixture(scope="module")
 def rows() -> dict[str, dict[str, Any]]:
-    with quick_simulator(), pytest.MonkeyPatch.context() as patch:
+    with pytest.MonkeyPatch.context() as patch:
         for module, name in ((assemble, "MAP_SIZE"), (truth, "MASTER"), (content, "MASTER")):
             patch.setattr(module, name, MASTER)
         patch.setattr(judge, "PATCHES", MASTER // 4)

@@ -7,7 +7,6 @@ from functools import partial
 from pathlib import Path
 
 import pytest
-from tiny_venue import quick_simulator
 
 import procam
 from procam.errors import FileFormatError
@@ -31,7 +30,7 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def _made(out: Path) -> Path:
-    with quick_simulator(), pytest.MonkeyPatch.context() as patch:
+    with pytest.MonkeyPatch.context() as patch:
         patch.setattr(truth, "MASTER", 256)
         dataset.make_dataset(out, ROOM, [1], SMALL)
     return out

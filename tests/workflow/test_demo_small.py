@@ -9,7 +9,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from tiny_venue import Ran, contents, procam, quick_simulator
+from tiny_venue import Ran, contents, procam
 
 from procam.estimate import calibration as assemble
 from procam.estimate.closed_loop.patches import MAX_CORRECTIONS
@@ -67,7 +67,7 @@ def watched_demo(folder: Path) -> SmallRun:
 
         return call
 
-    with quick_simulator(), pytest.MonkeyPatch.context() as patch:
+    with pytest.MonkeyPatch.context() as patch:
         patch.setattr(demo, "template_text", lambda name: venue_text("standard", SMALL))
         patch.setattr(demo, "CONTENT_SIZE", MASTER)
         patch.setattr(assemble, "MAP_SIZE", MASTER)

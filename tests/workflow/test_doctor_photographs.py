@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_cli_external import CAMERA, HandSession, photograph, start, with_header
+from picture_files import write_with_header
+from test_cli_external import CAMERA, HandSession, photograph, start
 from tiny_venue import procam
 
 from procam.files.images.pixels import read_image, write_image
@@ -45,7 +46,7 @@ def take(rig: HandSession, folder: Path, change: Callable = lambda c: c, **how: 
         for exposure_s in EXPOSURES[entry["purpose"]]:
             counts = change(photograph(rig.out, entry, exposure_s, **how))
             path = folder / f"P{len(list(folder.iterdir())):03d}.tif"
-            with_header(path, counts, ExposureTime=exposure_s)
+            write_with_header(path, counts, ExposureTime=exposure_s)
 
 
 def doctor(rig: HandSession, photos: Path, *more: object) -> tuple[int, dict]:
@@ -102,7 +103,7 @@ def test_twelve_bits_moved_up(rig: HandSession, tmp_path: Path) -> None:
 def test_what_is_missing_or_of_another_size(rig: HandSession, photos: Path) -> None:
     first = sorted(photos.iterdir())
     first[2].unlink()  # white of south
-    with_header(first[5], np.zeros((20, 30, 3), np.uint16))
+    write_with_header(first[5], np.zeros((20, 30, 3), np.uint16))
     code, document = doctor(rig, photos)
     assert code == 1
     assert (
@@ -134,7 +135,7 @@ def test_stripes_that_are_no_pair_say_nothing_of_focus(rig: HandSession, tmp_pat
 
 def test_files_that_are_no_photographs_in_colour(rig: HandSession, photos: Path) -> None:
     first = sorted(photos.iterdir())
-    with_header(first[-1], np.zeros((*read_image(first[0]).shape[:2], 1), np.uint16))
+    write_with_header(first[-1], np.zeros((*read_image(first[0]).shape[:2], 1), np.uint16))
     first[-2].write_bytes(first[-2].read_bytes()[:300])
     code, document = doctor(rig, photos)
     assert code == 1

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tiny_venue import quick_simulator
 
 from procam.estimate.light import floor_albedo
 from simulators.drifts import Drift
@@ -32,7 +31,7 @@ CHANGES = (
 
 @pytest.fixture(scope="module", autouse=True)
 def venue(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    with quick_simulator(), pytest.MonkeyPatch.context() as patch:
+    with pytest.MonkeyPatch.context() as patch:
         patch.setattr(study, "SIZE", SMALL)
         patch.setattr(floor_albedo, "DROPS", (0.2,))  # the floor's depth changes no drift
         study._venues["small"] = study.make_venue(

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tiny_venue import TINY, make_venue, quick_simulator, solved, take_session
+from tiny_venue import TINY, make_venue, solved, take_session
 
 from procam.errors import CalibrationError
 from procam.estimate.camera.radiance import Radiometer
@@ -45,16 +45,15 @@ class Dim(EightBits):
 @pytest.fixture(scope="module")
 def taken(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple]:
     """The venue with 8 bits, its session, m and albedo by 12 bits, and the simulator's."""
-    with quick_simulator():
-        venue = make_venue(tmp_path_factory.mktemp("venue"), size=TINY)
-        session = take_session(venue)
-        finest = load_calibration(solved(venue, session))
-        write_truth(venue.backends["simulated"], venue.directory, venue.directory / "truth", {})
-        truth = load_calibration(venue.directory / "truth")
-        path = venue.directory / "venue.toml"
-        text = re.sub(r"bits = \d+", "bits = 8", path.read_text())
-        path.write_text(re.sub(r"black_level = \S+", f"black_level = {EIGHT_BLACK}", text))
-        yield load_venue(venue.directory), session, finest, truth
+    venue = make_venue(tmp_path_factory.mktemp("venue"), size=TINY)
+    session = take_session(venue)
+    finest = load_calibration(solved(venue, session))
+    write_truth(venue.backends["simulated"], venue.directory, venue.directory / "truth", {})
+    truth = load_calibration(venue.directory / "truth")
+    path = venue.directory / "venue.toml"
+    text = re.sub(r"bits = \d+", "bits = 8", path.read_text())
+    path.write_text(re.sub(r"black_level = \S+", f"black_level = {EIGHT_BLACK}", text))
+    yield load_venue(venue.directory), session, finest, truth
 
 
 def images(taken: tuple, kind: type[SessionImages]) -> SessionImages:

@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 from disk_driver import COMMANDS, in_full, make_work, run_again, run_short
 from small_files import files_up_to
-from tiny_venue import quick_simulator
 
 from procam.estimate import calibration
 from procam.files.history import record
@@ -28,8 +27,7 @@ ROOM = {
 @pytest.fixture(scope="module")
 def work(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("disk")
-    with quick_simulator():
-        make_work(folder)
+    make_work(folder)
     return folder
 
 
@@ -42,17 +40,16 @@ def test_a_full_disk(
 ) -> None:
     monkeypatch.setattr(calibration, "MAP_SIZE", 256)
     command, folder = COMMANDS[name], tmp_path / "here"
-    with quick_simulator():
-        whole = in_full(command, work, folder)
-        shutil.copytree(work, folder)
-        room = ROOM.get(name, 50000)
-        stopped = run_short(command, folder, whole, lambda: files_up_to(room))
-        assert stopped.code == 2
-        assert stopped.err.count("\n") == 1 and re.search(
-            "may not grow that large|the disk is full", stopped.err
-        )
-        assert str(folder) in stopped.err and ".tmp" not in stopped.err
-        run_again(command, folder, whole)
+    whole = in_full(command, work, folder)
+    shutil.copytree(work, folder)
+    room = ROOM.get(name, 50000)
+    stopped = run_short(command, folder, whole, lambda: files_up_to(room))
+    assert stopped.code == 2
+    assert stopped.err.count("\n") == 1 and re.search(
+        "may not grow that large|the disk is full", stopped.err
+    )
+    assert str(folder) in stopped.err and ".tmp" not in stopped.err
+    run_again(command, folder, whole)
 
 
 def test_a_history_that_cannot_end_leaves_no_pictures_behind(

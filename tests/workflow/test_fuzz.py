@@ -12,7 +12,7 @@ from pathlib import Path
 from types import FrameType
 
 import pytest
-from tiny_venue import make_venue, quick_simulator, solved, take_session
+from tiny_venue import calibrated
 
 import procam
 import procam.estimate.calibration
@@ -28,10 +28,9 @@ MAP_SIZE = 64  # of the dome's maps: quick to read
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("fuzz")
-    with quick_simulator(), pytest.MonkeyPatch.context() as patch:
+    with pytest.MonkeyPatch.context() as patch:
         patch.setattr(procam.estimate.calibration, "MAP_SIZE", MAP_SIZE)
-        venue = make_venue(folder / "venue")
-        solved(venue, take_session(venue))
+        calibrated(folder / "venue")
     make_files(folder)
     return folder
 
@@ -82,9 +81,8 @@ PARSING = {
 LIBRARIES = re.compile(r"(av|ImageInput)\.open|open\('rb'\)")
 # what reads no file that may be wrong, or only by functions that are run
 NO_READERS = {
-    "files/bundle/pictures.py:frame_bytes": "its own temporary file",
-    "files/bundle/pictures.py:response_bytes": "its own temporary file",
-    "files/bundle/pictures.py:_png": "its own temporary file",
+    "files/bundle/pictures.py:_file_bytes": "its own temporary file",
+    "files/bundle/write.py:_files": "a file of the package",
     "files/bundle/write.py:writing_bundle": "makes the archive",
     "files/images/movie_file.py:new_movie_file": "reads what it has written",
     "files/images/movie_writer.py:new_movie": "a movie that MovieReader has opened",

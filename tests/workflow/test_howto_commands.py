@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 import photographer
 import pytest
-from tiny_venue import TINY_PAIR, procam, quick_simulator
+from tiny_venue import TINY_PAIR, procam
 
 from procam.estimate import calibration as assembling
 from procam.estimate.light import floor_albedo, model_room
@@ -174,7 +174,7 @@ def take_photographs(pictures: Path) -> None:
 
 @pytest.fixture(scope="module", autouse=True)
 def small_and_quick() -> Iterator[None]:
-    with quick_simulator(), pytest.MonkeyPatch.context() as patch:
+    with pytest.MonkeyPatch.context() as patch:
         patch.setattr(assembling, "MAP_SIZE", MAPS)
         patch.setattr(_sessions, "CONTENT_SIZE", PICTURE)
         patch.setattr(model_room, "SECTORS", FLOOR_SECTORS)

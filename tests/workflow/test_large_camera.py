@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tiny_venue import TINY_PAIR, drift, make_venue, procam, quick_simulator, solved, take_session
+from tiny_venue import TINY_PAIR, drift, make_venue, procam, solved, take_session
 
 from procam.estimate import calibration as assembling
 from procam.estimate.camera import binning
@@ -23,7 +23,7 @@ NUDGE = '{ kind = "turned", projector = "south", size = 0.6, angle_deg = 40 }'
 def pair(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, Calibration]]:
     """A venue whose calibration 0001 is of all pixels, and 0002, from the same session, of blocks of four."""
     folder = tmp_path_factory.mktemp("large") / "venue"
-    with quick_simulator(), pytest.MonkeyPatch.context() as patch:
+    with pytest.MonkeyPatch.context() as patch:
         patch.setattr(assembling, "MAP_SIZE", 256)
         venue = make_venue(folder, size=SIZE)
         session = take_session(venue)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tiny_venue import make_venue, quick_simulator, take_session
+from tiny_venue import make_venue, take_session
 
 from procam.errors import OutOfModelRange
 from procam.estimate.camera.radiance import Radiometer
@@ -26,9 +26,8 @@ Captured = tuple[Venue, Session]
 
 @pytest.fixture(scope="module")
 def captured(tmp_path_factory: pytest.TempPathFactory) -> Captured:
-    with quick_simulator():
-        venue = make_venue(tmp_path_factory.mktemp("venue"))
-        return venue, take_session(venue)
+    venue = make_venue(tmp_path_factory.mktemp("venue"))
+    return venue, take_session(venue)
 
 
 def solved(captured: Captured) -> Path:
@@ -78,12 +77,6 @@ def changing(monkeypatch: pytest.MonkeyPatch, share: float, drift: float = 0.0) 
 def test_a_door_that_opened(captured: Captured, monkeypatch: pytest.MonkeyPatch) -> None:
     changing(monkeypatch, 0.02)
     with pytest.raises(OutOfModelRange, match=r"light of the room changed .+ photograph it again"):
-        solved(captured)
-
-
-def test_a_lamp_that_drifted(captured: Captured, monkeypatch: pytest.MonkeyPatch) -> None:
-    changing(monkeypatch, 0.0, drift=0.04)
-    with pytest.raises(OutOfModelRange, match="drifted while it was photographed"):
         solved(captured)
 
 

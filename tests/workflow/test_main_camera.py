@@ -1,19 +1,14 @@
 """What a person has masked is left out wherever a calibration's main camera looks."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from tiny_venue import make_venue, quick_simulator, solved, take_session
+from tiny_venue import make_venue, solved, take_session
 
-from procam.devices.protocols import Camera
-from procam.errors import DeviceError
 from procam.files.calibration import load_calibration
 from procam.files.venue.load import Venue, load_venue
 from procam.model.calibration import Calibration
-from procam.model.frame import CameraSettings
 from procam.workflows.main_camera import MainCamera
-from procam.workflows.photographs.driven import DrivenPhotographer, Wanted
+from procam.workflows.photographs.driven import DrivenPhotographer
 from procam.workflows.refine.camera import LoopCamera
 from procam.workflows.venue_rig import open_rig
 from procam.workflows.verify.photographs import read_reference
@@ -24,9 +19,8 @@ DOOR = "masks = [[[-20, 20], [20, 20], [20, 50], [-20, 50]]]\n"
 
 @pytest.fixture(scope="module")
 def masked(tmp_path_factory: pytest.TempPathFactory) -> tuple[Venue, Calibration]:
-    with quick_simulator():
-        venue = make_venue(tmp_path_factory.mktemp("dome"))
-        made = solved(venue, take_session(venue))
+    venue = make_venue(tmp_path_factory.mktemp("dome"))
+    made = solved(venue, take_session(venue))
     file = venue.directory / "venue.toml"
     text = file.read_text("utf-8").replace("[cameras.zenith]\n", "[cameras.zenith]\n" + PILLAR)
     file.write_text(text.replace("[screen]\n", "[screen]\n" + DOOR), "utf-8")
@@ -61,25 +55,3 @@ def test_verify_and_refine_leave_out_the_same(masked: tuple[Venue, Calibration])
     with open_rig(venue) as rig:
         loop = LoopCamera(DrivenPhotographer(rig, calibration), MainCamera.of(venue, calibration))
     assert not loop.cells.use[~seen].any()
-
-
-class OnAuto:
-    """A camera that answers another gain than it is asked for."""
-
-    def __init__(self, camera: Camera) -> None:
-        self._camera, self.name, self.size = camera, camera.name, camera.size
-        self.capture = camera.capture
-
-    def configure(self, settings: CameraSettings) -> CameraSettings:
-        return replace(self._camera.configure(settings), gain=2.0)
-
-
-def test_a_camera_on_auto_is_refused_after_a_capture_too(
-    masked: tuple[Venue, Calibration],
-) -> None:
-    venue, calibration = masked
-    with open_rig(venue) as rig:
-        on_auto = replace(rig, cameras={n: OnAuto(c) for n, c in rig.cameras.items()})
-        photographer = DrivenPhotographer(on_auto, calibration)
-        with pytest.raises(DeviceError, match="camera zenith: its gain is 2 and must stay 1"):
-            photographer.take(Wanted({}, 0.1))

@@ -16,7 +16,6 @@ from tiny_venue import (
     drift,
     make_venue,
     procam,
-    quick_simulator,
     solved,
     take_session,
 )
@@ -93,37 +92,36 @@ def test_black_of_a_rig_without_shutters_is_noted_and_within_its_error(
     """The same dome twice: with shutters black is measured, without them the dark holds it."""
     size = replace(TINY_PAIR, projector_size=(160, 100), camera_size=(256, 256))
     monkeypatch.setattr(assembling, "MAP_SIZE", 256)
-    with quick_simulator():
-        venue = make_venue(tmp_path / "with", size=size)
-        measured = load_calibration(solved(venue, take_session(venue)))
-        assert "black_level" not in measured.quality
-        build = simulators.backend.build_scene
+    venue = make_venue(tmp_path / "with", size=size)
+    measured = load_calibration(solved(venue, take_session(venue)))
+    assert "black_level" not in measured.quality
+    build = simulators.backend.build_scene
 
-        def always_lit(*where: object) -> DomeScene:
-            scene = build(*where)  # type: ignore[arg-type]
-            for state in scene.states.values():
-                state.switch_on()
-            scene.clock.sleep(3600)
-            return scene
+    def always_lit(*where: object) -> DomeScene:
+        scene = build(*where)  # type: ignore[arg-type]
+        for state in scene.states.values():
+            state.switch_on()
+        scene.clock.sleep(3600)
+        return scene
 
-        monkeypatch.setattr(simulators.backend, "build_scene", always_lit)
-        folder = make_venue(tmp_path / "without", size=size).directory
-        text = (folder / "venue.toml").read_text("utf-8")
-        (folder / "venue.toml").write_text(re.sub(r"(?m)^control = .*$", "", text))
-        ran = procam("calibrate", folder)
+    monkeypatch.setattr(simulators.backend, "build_scene", always_lit)
+    folder = make_venue(tmp_path / "without", size=size).directory
+    text = (folder / "venue.toml").read_text("utf-8")
+    (folder / "venue.toml").write_text(re.sub(r"(?m)^control = .*$", "", text))
+    ran = procam("calibrate", folder)
+    assert ran.code == 0, ran
+    assert "note: black of south, north: procam has no shutter to close there" in ran.out
+    estimated = load_calibration(folder / "calibrations" / "0001")
+    ran = procam("verify", folder)
+    assert (ran.code, "all is well" in ran.out) == (0, True), ran
+    advised = procam("doctor", folder, "--json").out
+    for each in (venue.directory, folder):
+        drift(each, '{ kind = "raised-black", projector = "south", size = 0.045 }')
+        ran = procam("recalibrate", each, "--projector", "south")
         assert ran.code == 0, ran
-        assert "note: black of south, north: procam has no shutter to close there" in ran.out
-        estimated = load_calibration(folder / "calibrations" / "0001")
-        ran = procam("verify", folder)
-        assert (ran.code, "all is well" in ran.out) == (0, True), ran
-        advised = procam("doctor", folder, "--json").out
-        for each in (venue.directory, folder):
-            drift(each, '{ kind = "raised-black", projector = "south", size = 0.045 }')
-            ran = procam("recalibrate", each, "--projector", "south")
-            assert ran.code == 0, ran
-        repaired = [
-            load_calibration(each / "calibrations" / "0002") for each in (venue.directory, folder)
-        ]
+    repaired = [
+        load_calibration(each / "calibrations" / "0002") for each in (venue.directory, folder)
+    ]
     lit = measured.maps.coverage > 0.99
     figure = estimated.quality["black_level"]
     true = measured.maps.lo[lit].mean(axis=0)

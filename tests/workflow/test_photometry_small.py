@@ -4,7 +4,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tiny_venue import quick_simulator
 
 from procam.estimate import calibration as assemble
 from simulators import truth
@@ -18,7 +17,7 @@ MASTER = 128
 @pytest.fixture
 def row(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     """A realistic venue whose camera's veiling glare was measured at a desk."""
-    with quick_simulator(), pytest.MonkeyPatch.context() as patch:
+    with pytest.MonkeyPatch.context() as patch:
         for module, name in ((assemble, "MAP_SIZE"), (truth, "MASTER"), (photometry, "MASTER")):
             patch.setattr(module, name, MASTER)
         patch.setattr(photometry, "PATCHES", MASTER)

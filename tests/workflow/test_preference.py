@@ -11,16 +11,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from linear_pictures import write_picture
 from tiny_venue import Ran
 from tiny_venue import procam as run_command
 
 from procam.compensate.compensator import Compensator
-from procam.files.calibration import save_calibration
 from procam.files.images.pixels import read_image, write_image
-from procam.files.images.stills import read_picture, write_picture
+from procam.files.images.stills import read_picture
 from procam.maths.light.curves import srgb_decode
 from procam.model.calibration import Calibration
-from procam.workflows.playout.preview import METHODS
+from procam.workflows.playout.explain import METHODS
 from procam.workflows.sample_content import half_sky
 from studies.preference import pictures
 from studies.preference.__main__ import app
@@ -37,13 +37,6 @@ Chooser = Callable[[str, str, str], bool]  # content, first, second: whether the
 
 def preference_study(*arguments: object) -> Ran:
     return run_command(*arguments, command=app)
-
-
-@pytest.fixture(scope="module")
-def kept(tmp_path_factory: pytest.TempPathFactory, calibration: Calibration) -> Path:
-    directory = tmp_path_factory.mktemp("ask") / "0007"
-    save_calibration(calibration, directory)
-    return directory
 
 
 @pytest.fixture(scope="module")
@@ -158,7 +151,7 @@ class TestAsk:
         plan = plan_of(asked_dir)
         files = {str(p.relative_to(asked_dir)) for p in asked_dir.rglob("*") if p.is_file()}
         assert files == {"page.html", "plan.json", *(f"pictures/{f}" for f in plan["pictures"])}
-        assert (plan["calibration"], plan["methods"]) == ("0007", ["exact", "perceptual"])
+        assert (plan["calibration"], plan["methods"]) == ("0001", ["exact", "perceptual"])
         assert plan["command"].startswith("python -m studies.preference ask ")
         assert [c["name"] for c in plan["contents"]] == ["sky", "sky-2", "hall"]
         assert plan["catch"] == ["exact", "none"]
@@ -252,20 +245,6 @@ class TestAsk:
         assert (found["pictures"], found["trials"], found["catch_trials"]) == (6, 18, 0)
         assert plan_of(tmp_path / "a")["catch"] is None
 
-    def test_settings_reach_the_methods(
-        self, kept: Path, contents: list[Path], tmp_path: Path
-    ) -> None:
-        options = ("--db", 2, "--white-nits", 40, "--transfer", "gamma2.2", "--white", "keep")
-        document("ask", kept, tmp_path / "a", contents[0], *options)
-        settings = plan_of(tmp_path / "a")["settings"]
-        assert settings == {
-            "state": None,
-            "white": "keep",
-            "transfer": "gamma2.2",
-            "db": 2.0,
-            "white_nits": 40.0,
-        }
-
     def test_equal_pictures_are_noted(self, kept: Path, tmp_path: Path) -> None:
         write_picture(tmp_path / "grey.png", np.full((SIZE, SIZE, 3), 0.4, np.float32))
         ran = preference_study("ask", kept, tmp_path / "a", tmp_path / "grey.png")
@@ -276,18 +255,6 @@ class TestAsk:
         write_picture(tmp_path / "sun.exr", np.full((SIZE, SIZE, 3), 1.6, np.float32))
         ran = preference_study("ask", kept, tmp_path / "a", tmp_path / "sun.exr", "--on-dome")
         assert re.search(r"note: sun, none: \d+ pixels ask for more than 1\.0", ran.err)
-
-    def test_text_gives_the_next_step(
-        self, kept: Path, contents: list[Path], tmp_path: Path
-    ) -> None:
-        ran = preference_study("ask", kept, tmp_path / "a", *contents[:2])
-        assert "note" not in ran.err
-        assert "written: sky, sky-2; exact against perceptual\n" in ran.out
-        assert "each observer gives 6 answers, 2 of them to see whether" in ran.out
-        assert (
-            f"then run: python -m studies.preference answers {tmp_path / 'a'} ANSWERS.csv\n"
-            in ran.out
-        )
 
     @pytest.mark.parametrize(
         ("options", "words"),
@@ -531,6 +498,24 @@ class TestNotes:
         assert "exact against perceptual: nobody has answered" in notes
 
 
+def _other_side(rows: list[Row], _: Any) -> None:
+    rows[2]["chosen_first"] = 1 - int(str(rows[2]["chosen_first"]))
+
+
+def _none_of_the_two(rows: list[Row], plan: dict[str, Any]) -> None:
+    rows[2]["chosen"] = next(file for file in plan["pictures"] if file not in rows[2].values())
+
+
+def _not_compared(rows: list[Row], plan: dict[str, Any]) -> None:
+    entries = plan["pictures"].items()
+    one, two = (next(f for f, e in entries if e["content"] == c) for c in ("sky", "hall"))
+    rows[2] |= {"first": one, "second": two, "chosen": one, "chosen_first": 1}
+
+
+def _once_more(rows: list[Row], _: Any) -> None:
+    rows.append(rows[-1] | {"trial": 99})
+
+
 class TestRefusals:
     @pytest.fixture
     def rows(self, asked_dir: Path) -> list[Row]:
@@ -541,83 +526,45 @@ class TestRefusals:
         assert ran.code == 2, ran
         return ran.complaint
 
-    def changed(self, asked_dir: Path, path: Path, rows: list[Row], **cells: object) -> str:
-        """The complaint about a file whose third answer has other cells."""
-        rows[2] |= cells
-        return self.complaint(asked_dir, save(path, rows))
-
     @pytest.mark.parametrize(
-        ("cells", "words"),
+        ("change", "words"),
         [
-            ({"plan": "0123"}, "a.csv:4: these are answers to plan '0123', but OUT holds plan '"),
+            ({"plan": "0123"}, "4: these are answers to plan '0123', but OUT holds plan '"),
+            ({"first": "x.png"}, "4: picture 'x.png' is not one of the plan's; take the file"),
+            ({"chosen": "y.png"}, "4: picture 'y.png' is not one of the plan's; take"),
+            ({"observer": " "}, "4: the observer has no name; write one in that cell"),
+            ({"milliseconds": "soon"}, "4: milliseconds is 'soon'; it must be a number"),
+            ({"milliseconds": -1}, "4: milliseconds is '-1'; it must be a number"),
+            ({"milliseconds": "nan"}, "4: milliseconds is 'nan'; it must be a number"),
+            ({"trial": 1}, "4: observer 'Bo' has answered trial 1 already; are two people"),
+            (_other_side, r"4: chosen_first is '\d', but the chosen picture was shown (fir|sec)"),
+            (_none_of_the_two, r"4: the chosen picture \w+\.png is neither of the two shown, "),
             (
-                {"first": "x.png"},
-                "a.csv:4: picture 'x.png' is not one of the plan's; take the file",
+                _not_compared,
+                r"4: the plan does not ask for \w+\.png against \w+\.png; take the file",
             ),
-            ({"chosen": "y.png"}, "a.csv:4: picture 'y.png' is not one of the plan's; take"),
-            ({"observer": " "}, "a.csv:4: the observer has no name; write one in that cell"),
-            ({"milliseconds": "soon"}, "a.csv:4: milliseconds is 'soon'; it must be a number"),
-            ({"milliseconds": -1}, "a.csv:4: milliseconds is '-1'; it must be a number"),
-            ({"milliseconds": "nan"}, "a.csv:4: milliseconds is 'nan'; it must be a number"),
-            ({"trial": 1}, "a.csv:4: observer 'Bo' has answered trial 1 already; are two people"),
+            (_once_more, r"11: answer \d of observer 'Bo' to a question that the plan"),
         ],
     )
-    def test_a_wrong_cell(
-        self, cells: Row, words: str, rows: list[Row], asked_dir: Path, tmp_path: Path
+    def test_wrong_answers(
+        self, change: Any, words: str, rows: list[Row], asked_dir: Path, tmp_path: Path
     ) -> None:
-        assert words in self.changed(asked_dir, tmp_path / "a.csv", rows, **cells)
+        if isinstance(change, dict):
+            rows[2] |= change
+        else:
+            change(rows, plan_of(asked_dir))
+        found = self.complaint(asked_dir, save(tmp_path / "a.csv", rows))
+        assert re.search(rf"a\.csv:{words}", found), found
 
-    def test_a_side_that_contradicts_the_choice(
-        self, rows: list[Row], asked_dir: Path, tmp_path: Path
-    ) -> None:
-        other = 1 - int(str(rows[2]["chosen_first"]))
-        found = self.changed(asked_dir, tmp_path / "a.csv", rows, chosen_first=other)
-        shown = "second" if other else "first"
-        assert f"chosen_first is '{other}', but the chosen picture was shown {shown}" in found
-
-    def test_names_that_differ_in_case_alone(
-        self, rows: list[Row], asked_dir: Path, tmp_path: Path
-    ) -> None:
-        save(tmp_path / "a.csv", rows)
-        save(tmp_path / "b.csv", [row | {"observer": "bO"} for row in rows])
-        assert "observer 'bO' is in" in self.complaint(asked_dir, tmp_path)
-
-    def test_a_head_without_answers(self, asked_dir: Path, tmp_path: Path) -> None:
-        found = self.complaint(asked_dir, save(tmp_path / "a.csv", []))
-        assert "a.csv: no answers in it; take the file as the page has written it" in found
-
-    def test_a_choice_that_is_none_of_the_two(
-        self, rows: list[Row], asked_dir: Path, tmp_path: Path
-    ) -> None:
-        other = next(f for f in plan_of(asked_dir)["pictures"] if f not in rows[2].values())
-        found = self.changed(asked_dir, tmp_path / "a.csv", rows, chosen=other)
-        assert f"a.csv:4: the chosen picture {other} is neither of the two shown, " in found
-
-    def test_pictures_that_are_not_compared(
-        self, rows: list[Row], asked_dir: Path, tmp_path: Path
-    ) -> None:
-        entries = plan_of(asked_dir)["pictures"].items()
-        one, two = (next(f for f, e in entries if e["content"] == c) for c in ("sky", "hall"))
-        found = self.changed(
-            asked_dir, tmp_path / "a.csv", rows, first=one, second=two, chosen=one, chosen_first=1
-        )
-        assert f"a.csv:4: the plan does not ask for {one} against {two}; take the file" in found
-
-    def test_more_answers_than_questions(
-        self, rows: list[Row], asked_dir: Path, tmp_path: Path
-    ) -> None:
-        path = save(tmp_path / "a.csv", [*rows, rows[-1] | {"trial": 99}])
-        found = self.complaint(asked_dir, path)
-        assert re.search(
-            r"a\.csv:11: answer \d of observer 'Bo' to a question that the plan", found
-        )
-
+    @pytest.mark.parametrize("name", ["Bo", "bO"])
     def test_one_observer_in_two_files(
-        self, rows: list[Row], asked_dir: Path, tmp_path: Path
+        self, name: str, rows: list[Row], asked_dir: Path, tmp_path: Path
     ) -> None:
-        paths = [save(tmp_path / f"{name}.csv", rows) for name in "ab"]
+        """Names may differ in case alone."""
+        one = save(tmp_path / "a.csv", rows)
+        two = save(tmp_path / "b.csv", [row | {"observer": name} for row in rows])
         found = self.complaint(asked_dir, tmp_path)
-        assert f"observer 'Bo' is in {paths[0]} and in {paths[1]}; remove one of the files" in found
+        assert f"observer {name!r} is in {one} and in {two}; remove one of the files" in found
 
     def test_a_missing_column(self, rows: list[Row], asked_dir: Path, tmp_path: Path) -> None:
         path = save(tmp_path / "a.csv", rows, [c for c in COLUMNS if c not in ("chosen", "trial")])

@@ -11,29 +11,31 @@ from typing import Any
 import numpy as np
 import photographer
 import pytest
+from edited_files import rewrite
 from exact_room import coarse_rooms
+from linear_pictures import write_picture
 from looped_dome import SIZE, broad, quick_loop
 from tiny_venue import (
     CAMERA,
     drift,
     make_venue,
     procam,
+    refused,
     solved,
     take_session,
 )
 
-from procam.estimate.closed_loop import with_scatter
+from procam.estimate.closed_loop.refined import with_scatter
 from procam.files.calibration import load_calibration, save_calibration
 from procam.files.images.photos import read_photo
 from procam.files.images.pixels import read_image, write_image
-from procam.files.images.stills import write_picture
 from procam.files.session import Session
 from procam.files.venue.load import load_venue
 from procam.generators import result_of
 from procam.model.frame import CameraSettings, Frame
 from procam.workflows.audience import measure_state
 from procam.workflows.photographs.driven import DrivenPhotographer, Wanted
-from procam.workflows.photographs.hand_photographer import HandPhotographer
+from procam.workflows.photographs.open import HandPhotographer
 from procam.workflows.photographs.orders import PhotographsWanted
 from procam.workflows.photographs.rounds import Rounds
 from procam.workflows.venue_rig import open_rig
@@ -220,10 +222,6 @@ class TestRefusals:
         said = self.complaint(by_hand, card)
         assert "8 photographs instead of 9: 4 of dark at" in said and "in this order" in said
 
-    def test_another_order(self, by_hand: Path, card: Path) -> None:
-        (card / "img_3.tif").rename(card / "img_9.tif")
-        assert "should show the same picture" in self.complaint(by_hand, card)
-
     def test_two_pictures_exchanged(self, by_hand: Path, card: Path) -> None:
         for old, new in ((4, 99), (6, 4), (99, 6)):
             (card / f"img_{old}.tif").rename(card / f"img_{new}.tif")
@@ -234,16 +232,16 @@ class TestRefusals:
         assert [row["photographs"] for row in asked["wanted"]] == [1, 4]
         for number in range(4):
             (card / f"img_{number}.tif").unlink()
-        ran = procam("refine", by_hand, "--photos", card)
-        assert (ran.code, "img_4.tif: no readable number" in ran.complaint) == (2, True)
+        assert "img_4.tif: no readable number" in refused("refine", by_hand, "--photos", card)
 
     def test_a_photograph_of_the_round_before(
         self, driven: Path, by_hand: Path, card: Path
     ) -> None:
         photos = photographed(driven, run("refine", by_hand, "--photos", card), by_hand / "two")
         shutil.copy(card / "img_7.tif", photos / "img_3.tif")
-        ran = procam("refine", by_hand, "--photos", photos)
-        assert (ran.code, "img_3.tif was given for an earlier round" in ran.complaint) == (2, True)
+        assert "img_3.tif was given for an earlier round" in refused(
+            "refine", by_hand, "--photos", photos
+        )
 
     def test_photographs_of_an_earlier_piece_of_work(
         self, driven: Path, by_hand: Path, card: Path
@@ -253,9 +251,9 @@ class TestRefusals:
         sessions = by_hand / "sessions"
         (sessions / "refine-0001" / "ended").touch()
         assert "refine-0002" in run("refine", by_hand)["order"]
-        ran = procam("refine", by_hand, "--photos", card)
-        assert ran.code == 2
-        assert "img_4.tif was given as one of refine-0001 already; give the photo" in ran.complaint
+        assert "img_4.tif was given as one of refine-0001 already; give the photo" in refused(
+            "refine", by_hand, "--photos", card
+        )
         assert not list(sessions.glob("refine-0002/captures/*/*.tif"))
 
     def test_photographs_taken_before_what_was_there(self, by_hand: Path, card: Path) -> None:
@@ -281,10 +279,8 @@ class TestRefusals:
         assert [row["picture"] for row in asked["wanted"]] == ["04-slate", "04"]
         photos = photographed(driven, asked, by_hand / "three")
         shutil.copy(two / "img_0.tif", photos / "img_0.tif")
-        ran = procam("refine", by_hand, "--photos", photos)
-        assert (ran.code, "img_0.tif: the number 03, but the slate of" in ran.complaint) == (
-            2,
-            True,
+        assert "img_0.tif: the number 03, but the slate of" in refused(
+            "refine", by_hand, "--photos", photos
         )
 
     def test_another_size(self, by_hand: Path, card: Path) -> None:
@@ -326,18 +322,12 @@ class TestRefusals:
         photographer.write_photo(path, np.array(read_image(path)), exposure_s / 2)
         assert "img_5.tif: exposed 0.3" in self.complaint(by_hand, card)
 
-    def test_photographs_without_an_exposure_have_a_note(self, by_hand: Path, card: Path) -> None:
-        write_image(card / "img_5.tif", np.array(read_image(card / "img_5.tif")))
-        ran = procam("refine", by_hand, "--photos", card)
-        assert ran.code == 0
-        assert ran.err.startswith("note: img_5.tif: no exposure in the headers of 1 photographs")
-
     def test_another_picture_has_rounds_of_its_own(self, by_hand: Path, card: Path) -> None:
         write_picture(by_hand / "broad.exr", broad())
         before = (by_hand / "sessions" / "refine-0001" / "wanted.json").read_bytes()
-        ran = procam("refine", by_hand, "--picture", by_hand / "broad.exr", "--photos", card)
-        assert (ran.code, "run the command without --photos first" in ran.complaint) == (2, True)
-        assert "refine-0001 has started, for another calibration or picture" in ran.complaint
+        complaint = refused("refine", by_hand, "--picture", by_hand / "broad.exr", "--photos", card)
+        assert "run the command without --photos first" in complaint
+        assert "refine-0001 has started, for another calibration or picture" in complaint
         other = run("refine", by_hand, "--picture", by_hand / "broad.exr")
         assert "refine-0002" in other["order"]
         assert (by_hand / "sessions" / "refine-0001" / "wanted.json").read_bytes() == before
@@ -369,8 +359,9 @@ class TestRefusals:
     def test_photographs_are_replaced(self, driven: Path, by_hand: Path, card: Path) -> None:
         """Something was wrong with them, which showed only afterwards."""
         folder = by_hand / "sessions" / "refine-0001"
-        ran = procam("refine", by_hand, "--photos", card, "--replace")
-        assert (ran.code, "no photographs were given yet" in ran.complaint) == (2, True)
+        assert "no photographs were given yet" in refused(
+            "refine", by_hand, "--photos", card, "--replace"
+        )
         second = run("refine", by_hand, "--photos", card)
         before = (folder / "wanted.json").read_bytes()
         (card / "img_8.tif").rename(by_hand / "img_8.tif")
@@ -389,16 +380,13 @@ class TestRefusals:
         assert [a["round"] for a in asked] == 9 * [3] + 5 * [4]
         third = run("refine", by_hand, "--photos", photographed(driven, again, by_hand / "two"))
         assert [row["picture"] for row in third["wanted"]] == ["05-slate", "05"]
-        ran = procam("refine", by_hand, "--replace")
-        assert (ran.code, "--replace: needs --photos" in ran.complaint) == (2, True)
+        assert "--replace: needs --photos" in refused("refine", by_hand, "--replace")
 
     def test_another_exposure_in_venue_toml_changes_no_unfinished_work(
         self, by_hand: Path, card: Path
     ) -> None:
         second = run("refine", by_hand, "--photos", card)
-        text = (by_hand / "venue.toml").read_text("utf-8")
-        assert "exposure_s = 0.13" in text
-        (by_hand / "venue.toml").write_text(text.replace("exposure_s = 0.13", "exposure_s = 0.12"))
+        rewrite(by_hand / "venue.toml", "exposure_s = 0.13", "exposure_s = 0.12")
         assert run("refine", by_hand)["wanted"] == second["wanted"]
 
     def test_ids_of_a_round_that_was_given_up_are_not_used_again(
@@ -428,25 +416,21 @@ class TestRefusals:
     def test_pictures_that_are_gone(self, by_hand: Path, card: Path) -> None:
         run("refine", by_hand, "--photos", card)
         shutil.rmtree(by_hand / "sessions" / "refine-0001" / "pictures")
-        ran = procam("refine", by_hand)
-        assert (ran.code, "copy the folder pictures back" in ran.complaint) == (2, True)
+        assert "copy the folder pictures back" in refused("refine", by_hand)
 
     def test_nothing_was_asked_for(self, by_hand: Path, card: Path) -> None:
-        ran = procam("state", by_hand, "full", "--photos", card)
-        assert (ran.code, "run the command without --photos first" in ran.complaint) == (2, True)
+        assert "run the command without --photos first" in refused(
+            "state", by_hand, "full", "--photos", card
+        )
 
     def test_devices_take_their_own(self, driven: Path, card: Path) -> None:
-        ran = procam("refine", driven, "--photos", card)
-        assert (ran.code, "all driven by hand; leave it out" in ran.complaint) == (2, True)
+        assert "all driven by hand; leave it out" in refused("refine", driven, "--photos", card)
 
     def test_a_damaged_round(self, by_hand: Path, card: Path) -> None:
         path = by_hand / "sessions" / "refine-0001" / "wanted.json"
-        path.write_text(path.read_text("utf-8").replace("photographs", "pictures"), "utf-8")
-        ran = procam("refine", by_hand)
-        assert (ran.code, "wanted.json: damaged" in ran.complaint) == (2, True)
+        rewrite(path, "photographs", "pictures")
+        assert "wanted.json: damaged" in refused("refine", by_hand)
 
     def test_another_camera(self, by_hand: Path, card: Path) -> None:
-        path = by_hand / "sessions" / "refine-0001" / "wanted.json"
-        path.write_text(path.read_text("utf-8").replace(CAMERA, "other"), "utf-8")
-        ran = procam("refine", by_hand)
-        assert (ran.code, "of camera other, but" in ran.complaint) == (2, True)
+        rewrite(by_hand / "sessions" / "refine-0001" / "wanted.json", CAMERA, "other")
+        assert "of camera other, but" in refused("refine", by_hand)

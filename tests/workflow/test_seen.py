@@ -1,7 +1,6 @@
 """The last judge: the picture on the dome, of whatever makes a calibration, and of spoilt ones."""
 
 import json
-import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -9,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from looped_dome import SIZE, quick_loop
-from tiny_venue import make_venue, procam, solved, take_session
+from tiny_venue import calibrated, procam
 
 from procam.errors import CalibrationError
 from procam.files.calibration import load_calibration, save_calibration
@@ -34,14 +33,7 @@ def quick() -> Iterator[None]:
 
 @pytest.fixture(scope="module")
 def once(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    venue = make_venue(tmp_path_factory.mktemp("dome"), size=SIZE)
-    solved(venue, take_session(venue))
-    return venue.directory
-
-
-@pytest.fixture
-def venue(once: Path, tmp_path: Path) -> Path:
-    return Path(shutil.copytree(once, tmp_path / "dome"))
+    return calibrated(tmp_path_factory.mktemp("dome"), SIZE).directory
 
 
 def errors(venue: Path, calibration: Path) -> np.ndarray:

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from tiny_venue import quick_simulator
 
 from procam.errors import ShapeError, UnitError
 from procam.files.venue.load import load_venue, template_text
@@ -11,7 +10,7 @@ from procam.workflows.venue_rig import open_rig
 from simulators.backend import build_scene, build_server
 from simulators.backend import open_rig as open_backend
 from simulators.scene import DomeScene, SceneSize
-from simulators.server import ASSUMED_GAMMA, BITS, ERROR_ARCMIN, MediaServer, projector_drives
+from simulators.server import ASSUMED_GAMMA, BITS, ERROR_ARCMIN, MediaServer
 from simulators.template import server_text
 
 SIZE, BINS = 256, 40
@@ -28,8 +27,7 @@ SETTINGS = {
 
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory: pytest.TempPathFactory) -> DomeScene:
-    with quick_simulator():
-        return build_scene(SETTINGS, tmp_path_factory.mktemp("none"))
+    return build_scene(SETTINGS, tmp_path_factory.mktemp("none"))
 
 
 @pytest.fixture(scope="module")
@@ -83,14 +81,8 @@ def test_masters_are_played_with_its_depth(server: MediaServer) -> None:
         np.testing.assert_array_equal(near[name], same[name])
 
 
-def test_what_goes_to_projectors_directly_stays_as_it_is() -> None:
-    drives = {"south": np.zeros((2, 3, 3), np.float32)}
-    assert projector_drives(None, drives) is drives
-
-
 def test_the_rig_has_one_input_and_one_wire(tmp_path) -> None:
-    with quick_simulator():
-        rig = open_backend(SETTINGS, tmp_path)
+    rig = open_backend(SETTINGS, tmp_path)
     try:
         assert list(rig.projectors) == list(rig.ports) == ["server"]
         device = rig.projectors["server"]
@@ -111,7 +103,7 @@ def test_the_rig_has_one_input_and_one_wire(tmp_path) -> None:
 def test_one_shutter_darkens_all_projectors(tmp_path) -> None:
     size = SceneSize(projector_size=(160, 100), camera_size=(64, 64), rays=64)
     (tmp_path / "venue.toml").write_text(server_text(size, 2 * SIZE), "utf-8")
-    with quick_simulator(), open_rig(load_venue(tmp_path)) as rig:
+    with open_rig(load_venue(tmp_path)) as rig:
         rig.start()
         dark = rig.cameras["zenith"].capture().counts.astype(float).mean()
         rig.light("server")

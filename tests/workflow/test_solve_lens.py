@@ -2,15 +2,15 @@
 
 import re
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from tiny_venue import TINY_PAIR, make_venue, quick_simulator, solved, take_session
+from edited_files import rewritten
+from tiny_venue import TINY_PAIR, make_venue, solved, take_session
 
 from procam.errors import CalibrationError
-from procam.estimate.camera.near_veil import NearVeilFit
+from procam.estimate.camera.veil import NearVeilFit
 from procam.files.calibration import load_calibration
 from procam.files.session import Session
 from procam.files.venue.load import Venue, load_venue
@@ -26,26 +26,20 @@ PULL = 1e-3  # of m, by a focal length that is 1 % off: the lens moves by 0.7 %,
 
 @pytest.fixture(scope="module")
 def captured(tmp_path_factory: pytest.TempPathFactory) -> tuple[Venue, Session]:
-    with quick_simulator():
-        venue = make_venue(tmp_path_factory.mktemp("lens") / "venue", size=SIZE)
-        return venue, take_session(venue)
+    venue = make_venue(tmp_path_factory.mktemp("lens") / "venue", size=SIZE)
+    return venue, take_session(venue)
 
 
 def _with_lens(captured: tuple[Venue, Session], mode: str, factor: float) -> Calibration:
     """The calibration of the session with a focal length off by a factor."""
     venue, session = captured
     path = venue.directory / "venue.toml"
-    kept = path.read_text()
     focal = [factor * float(f) for f in venue.cameras["zenith"].lens.focal]
-    text, changes = re.subn(r"(?m)^f = \[.*?\]", f"f = {focal}", kept, count=1)
-    text, modes = re.subn('(?m)^intrinsics = "prior"', f'intrinsics = "{mode}"', text, count=1)
-    assert changes == modes == 1
-    path.write_text(text)
-    try:
-        folder: Path = solved(load_venue(venue.directory), session)
-    finally:
-        path.write_text(kept)
-    return load_calibration(folder)
+    with (
+        rewritten(path, r"^f = \[.*?\]", f"f = {focal}"),
+        rewritten(path, '^intrinsics = "prior"', f'intrinsics = "{mode}"'),
+    ):
+        return load_calibration(solved(load_venue(venue.directory), session))
 
 
 def test_feedback_and_albedo_do_not_follow_a_wrong_prior(
@@ -71,15 +65,11 @@ def test_a_wrong_mark_is_named_whatever_the_lens(
 ) -> None:
     """A lens that is solved for must not bend to fit it."""
     path = captured[0].directory / "venue.toml"
-    kept = path.read_text()
-    text, changes = re.subn(r"(?m)^azimuth_deg = 12\..*$", "azimuth_deg = 18.0", kept)
-    assert changes == 1
-    path.write_text(text)
-    try:
-        with pytest.raises(CalibrationError, match=r"fiducials: front.*(is wrong|does not fit)"):
-            _with_lens(captured, mode, 1.0)
-    finally:
-        path.write_text(kept)
+    with (
+        rewritten(path, r"^azimuth_deg = 12\..*$", "azimuth_deg = 18.0"),
+        pytest.raises(CalibrationError, match=r"fiducials: front.*(is wrong|does not fit)"),
+    ):
+        _with_lens(captured, mode, 1.0)
 
 
 def test_exchanged_marks_that_turn_the_dome_over_are_refused(
@@ -102,12 +92,8 @@ def test_exchanged_marks_that_turn_the_dome_over_are_refused(
 
 def test_a_picture_beyond_the_rim_is_noted(captured: tuple[Venue, Session]) -> None:
     path = captured[0].directory / "venue.toml"
-    kept = path.read_text()
-    path.write_text(re.sub(r"(?m)^half_angle_deg = \S+", "half_angle_deg = 82", kept))
-    try:
+    with rewritten(path, r"^half_angle_deg = \S+", "half_angle_deg = 82"):
         assert _beyond_the_rim(_with_lens(captured, "fixed", 1.0))
-    finally:
-        path.write_text(kept)
 
 
 def _beyond_the_rim(calibration: Calibration) -> bool:

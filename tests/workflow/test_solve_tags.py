@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 from printed_tags import Printed, whiteness
-from tiny_venue import CAMERA, make_venue, quick_simulator, take_session
+from tiny_venue import CAMERA, make_venue, take_session
 
 from procam.files.calibration import load_calibration
 from procam.files.session import Session
@@ -69,12 +69,11 @@ def list_tags(venue: Venue) -> Venue:
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Solved]:
-    with quick_simulator():
-        venue = make_venue(tmp_path_factory.mktemp("tags"), size=SIZE)
-        session = take_session(venue)
-        stick_tags(session)
-        venue = list_tags(venue)
-        yield Solved(venue, load_calibration(result_of(solve(venue, session)).directory))
+    venue = make_venue(tmp_path_factory.mktemp("tags"), size=SIZE)
+    session = take_session(venue)
+    stick_tags(session)
+    venue = list_tags(venue)
+    yield Solved(venue, load_calibration(result_of(solve(venue, session)).directory))
 
 
 def test_the_rig_is_rotated_to_the_tags(run: Solved) -> None:

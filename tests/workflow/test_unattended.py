@@ -1,11 +1,10 @@
 """`--unattended`: the time, the interlock and the lamps are checked before anything is lit."""
 
 import os
-import shutil
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from datetime import datetime
 from pathlib import Path
 from queue import SimpleQueue
@@ -14,12 +13,10 @@ import pytest
 from tiny_venue import (
     TINY_PAIR,
     Stage,
-    make_venue,
+    calibrated,
     procam,
-    quick_simulator,
+    refused,
     replace_camera,
-    solved,
-    take_session,
     watch_stage,
 )
 
@@ -38,17 +35,8 @@ STUCK_S = 20.0
 
 
 @pytest.fixture(scope="module")
-def once(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    folder = tmp_path_factory.mktemp("unattended") / "venue"
-    with quick_simulator():
-        venue = make_venue(folder, size=TINY_PAIR)
-        solved(venue, take_session(venue))
-        yield folder
-
-
-@pytest.fixture
-def venue(once: Path, tmp_path: Path) -> Path:
-    return Path(shutil.copytree(once, tmp_path / "venue"))
+def once(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return calibrated(tmp_path_factory.mktemp("unattended") / "venue", TINY_PAIR).directory
 
 
 @pytest.fixture
@@ -135,8 +123,7 @@ def test_a_calibration_that_cannot_be_read_is_in_the_message(
 ) -> None:
     message = allow(venue)
     next(venue.glob("calibrations/*/calibration.json")).write_text("{}")
-    ran = procam(command, venue, "--unattended")
-    assert ran.code == 2 and "calibration.json" in ran.complaint
+    assert "calibration.json" in refused(command, venue, "--unattended")
     assert message.read_text().startswith(f"procam {command} venue: failed: ")
     assert all(not stage.lit() for stage in stages)
 
@@ -154,8 +141,9 @@ def test_commands_are_checked_when_venue_toml_is_read(
     key: str, command: str, words: str, venue: Path, stages: list[Stage]
 ) -> None:
     allow(venue, **{key: f'"{command}"'})
-    ran = procam("verify", venue)
-    assert ran.code == 2 and f"unattended.{key} is " in ran.complaint and words in ran.complaint
+    complaint = refused("verify", venue)
+    assert f"unattended.{key} is " in complaint
+    assert words in complaint
     assert not stages
 
 
@@ -341,8 +329,9 @@ def test_the_time_ends_meanwhile(venue: Path, monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_needs_its_table(venue: Path) -> None:
-    ran = procam("verify", venue, "--unattended")
-    assert ran.code == 2 and "--unattended needs [unattended] with interlock" in ran.complaint
+    assert "--unattended needs [unattended] with interlock" in refused(
+        "verify", venue, "--unattended"
+    )
 
 
 @pytest.mark.parametrize("wrong", ['"25:00"', '"3:00"', '"noon"'])

@@ -1,26 +1,17 @@
 """While one process works on a venue, every command that writes it or lights its projectors is refused."""
 
 import shutil
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from tiny_venue import contents, make_venue, procam, quick_simulator, solved, take_session
+from held_folder import held_by
+from tiny_venue import calibrated, contents, refused
 
 from procam.files.venue.load import load_venue
 from procam.workflows.capture.newest import newest_session
 from studies.two_at_once import run_both
 
-HOLD = """
-import sys
-from pathlib import Path
-from procam.files.lock import locked
-with locked(Path(sys.argv[1]), "refine"):
-    print("held", flush=True)
-    sys.stdin.read()
-"""
 COMMANDS = {
     "session capture": ("VENUE",),
     "calibrate": ("VENUE",),
@@ -41,39 +32,31 @@ COMMANDS = {
 @pytest.fixture(scope="module")
 def ready(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A calibrated venue."""
-    with quick_simulator():
-        venue = make_venue(tmp_path_factory.mktemp("ready") / "venue")
-        solved(venue, take_session(venue))
-    return venue.directory
+    return calibrated(tmp_path_factory.mktemp("ready") / "venue").directory
 
 
 @pytest.fixture(scope="module")
 def busy(ready: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """A calibrated venue that another process holds."""
     folder = shutil.copytree(ready, tmp_path_factory.mktemp("busy") / "venue")
-    command = [sys.executable, "-c", HOLD, str(folder)]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
-        assert other.stdout and other.stdout.readline() == b"held\n"
+    with held_by("refine", folder):
         yield folder
-        other.kill()
 
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_refused_by_name_and_nothing_is_written(command: str, busy: Path) -> None:
     before = contents(busy)
     arguments = (part.replace("VENUE", str(busy)) for part in COMMANDS[command])
-    ran = procam(*command.split(), *arguments)
-    assert ran.code == 2
-    assert f"{busy}: `procam refine` (process " in ran.complaint
-    assert ran.complaint.endswith("is at work there; wait until it has ended, or stop it")
+    complaint = refused(*command.split(), *arguments)
+    assert f"{busy}: `procam refine` (process " in complaint
+    assert complaint.endswith("is at work there; wait until it has ended, or stop it")
     assert contents(busy) == before
 
 
 def test_a_number_is_never_used_again(ready: Path, tmp_path: Path) -> None:
     sessions = shutil.copytree(ready, tmp_path / "venue") / "sessions"
     (sessions / "0001").rename(sessions / "0003")
-    with quick_simulator():
-        assert newest_session(load_venue(sessions.parent)).name == "0004"
+    assert newest_session(load_venue(sessions.parent)).name == "0004"
 
 
 def test_two_at_once(ready: Path, tmp_path: Path) -> None:

@@ -90,6 +90,13 @@ def solved(venue: Venue, session: Session) -> Path:
     return result_of(solve(venue, session)).directory
 
 
+def calibrated(directory: Path, size: SceneSize = TINY) -> Venue:
+    """A venue that was captured and calibrated once."""
+    venue = make_venue(directory, size=size)
+    solved(venue, take_session(venue))
+    return venue
+
+
 def drift(venue_dir: Path, *drifts: str) -> None:
     """Change the simulated dome, by tables of `drifts` in venue.toml."""
     with (venue_dir / "venue.toml").open("a") as file:
@@ -136,6 +143,13 @@ def procam(*arguments: object, command: Callable[[], object] = app) -> Ran:
         except SystemExit as stop:
             code = int(stop.code or 0)
     return Ran(code, out.getvalue(), err.getvalue())
+
+
+def refused(*arguments: object) -> str:
+    """Run `procam ARGUMENTS`, which refuses its input; the one line that says why."""
+    ran = procam(*arguments)
+    assert ran.code == 2, ran
+    return ran.complaint
 
 
 def warped(*arguments: object) -> Ran:

@@ -37,7 +37,7 @@ import simulators.backend
 import simulators.scene
 from procam.errors import DeviceError
 from procam.files.session import Session
-from procam.interfaces.cli._run_log import RunLog
+from procam.interfaces.cli._output import RunLog
 from procam.interfaces.cli.main import main as procam_main
 from procam.model.frame import Frame
 from simulators.devices import SimulatedCamera

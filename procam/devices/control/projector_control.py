@@ -74,9 +74,8 @@ class SerialProjectorControl:
         self._table = table
         self._clock = clock
         self._turn = _thread.allocate_lock()
-        self._synchronised = (
-            False  # a part of an earlier program's command may still be on the wire
-        )
+        # a part of an earlier program's command may still be on the wire
+        self._synchronised = False
 
     def state(self) -> ControlState:
         """Read everything that can be read in this power state."""
@@ -262,17 +261,12 @@ class SerialProjectorControl:
     ) -> re.Match[bytes]:
         """Send `command` once, synchronised, and match the reply."""
         with self._turn:
-            return self._exchange(command, expected, timeout_s)
-
-    def _exchange(
-        self, command: bytes, expected: re.Pattern[bytes], timeout_s: float
-    ) -> re.Match[bytes]:
-        self._synchronise()
-        self._synchronised = False
-        reply = self._link.exchange(command, self._table.terminator, timeout_s)
-        match = expected.fullmatch(reply)
-        refused = self._table.refused.fullmatch(reply)
-        self._synchronised = bool(match or refused)
+            self._synchronise()
+            self._synchronised = False
+            reply = self._link.exchange(command, self._table.terminator, timeout_s)
+            match = expected.fullmatch(reply)
+            refused = self._table.refused.fullmatch(reply)
+            self._synchronised = bool(match or refused)
         if match:
             return match
         if refused:

@@ -16,12 +16,11 @@ import numpy as np
 
 from procam.arrays import Array, IndexArray
 from procam.estimate.boards.corners import BoardRig, Corners, corner_points, residuals
-from procam.maths.geometry.lens_derivatives import (
+from procam.maths.geometry.lenses import (
     lens_of_parameters,
     lens_parameters,
     project_with_derivatives,
 )
-from procam.maths.geometry.pose import Pose, rotation_matrix
 from procam.maths.levenberg import minimise
 
 ITERATIONS = 200
@@ -150,8 +149,8 @@ class BoardAdjustment:
             parameters[list(self.free[i])] += shared[lens]
             lenses[i] = lens_of_parameters(lenses[i], parameters)
             if i:
-                devices[i] = step_pose(devices[i], shared[pose])
-        boards = (step_pose(board, x) for board, x in zip(rig.boards, own, strict=True))
+                devices[i] = devices[i].moved(shared[pose])
+        boards = (board.moved(x) for board, x in zip(rig.boards, own, strict=True))
         bend = rig.bend + shared[-3:] if self.bend else rig.bend
         return BoardRig(tuple(lenses), tuple(devices), tuple(boards), bend)
 
@@ -200,12 +199,6 @@ class _BoardEquations:
         return shared, -own_step - response @ shared
 
 
-def step_pose(pose: Pose, x: Array) -> Pose:
-    """`pose` rotated by the vector x[:3] [rad] about the device, then shifted by x[3:] [m]."""
-    turn = rotation_matrix(x[:3])
-    return Pose(turn @ pose.rotation, turn @ pose.translation + x[3:])
-
-
 def _by_step(points: Array, by_point: Array) -> Array:
-    """Derivatives (N, 2, 6) by the x of `step_pose`, from those by the point (N, 2, 3)."""
+    """Derivatives (N, 2, 6) by the x of `Pose.moved`, from those by the point (N, 2, 3)."""
     return np.concatenate([np.cross(points[:, None, :], by_point), by_point], axis=2)

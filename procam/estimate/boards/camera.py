@@ -11,12 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from procam.arrays import Array
-from procam.errors import InputError, NotEnoughData, ProcamError, ShapeError
+from procam.errors import InputError, NotEnoughData, ProcamError
 from procam.estimate.boards.corners import BoardRig, Corners, residuals, stack_corners
-from procam.estimate.boards.held_out import clearly_better, held_out_residuals
-from procam.estimate.boards.jackknife import jackknife_covariance
+from procam.estimate.boards.left_out import clearly_better, held_out_residuals, jackknife_covariance
 from procam.estimate.boards.robust_fit import (
-    IDENTITY,
     MIN_CORNERS,
     MIN_VIEWS,
     BoardFit,
@@ -26,9 +24,8 @@ from procam.estimate.boards.robust_fit import (
     check_tilts,
     determines_pose,
     dropped_corners,
-    fit_poses,
 )
-from procam.estimate.boards.start import pose_from_rays, start_camera
+from procam.estimate.boards.start import start_camera
 from procam.maths.geometry.lenses import Lens, LensKind, unproject
 from procam.maths.geometry.pose import Pose
 
@@ -66,7 +63,7 @@ class CameraFit:
     lens : the intrinsics.
     covariance : (P, P) of fx, fy, cx, cy [px] and the distortion terms [-], in this order; errors of
         the model are in it.
-    bend, bend_covariance : (3,) [m] and (3, 3), as in `BoardRig`.
+    bend : (3,) as in `BoardRig` [m].
     area : (2, 2) lowest and highest x, y of the board's corners [m]; `bend` refers to it.
     boards : camera_from_board per fitted view.
     residual_px : (N, 2) predicted minus observed, per fitted view.
@@ -81,7 +78,6 @@ class CameraFit:
     lens: Lens
     covariance: Array
     bend: Array
-    bend_covariance: Array
     area: Array
     boards: dict[str, Pose]
     residual_px: dict[str, Array]
@@ -132,7 +128,6 @@ def fit_camera(views: Sequence[BoardView], size: tuple[int, int], kind: LensKind
         rig.lenses[0],
         covariance[:lenses, :lenses],
         rig.bend,
-        covariance[lenses:, lenses:],
         kept.area,
         {names[i]: rig.boards[i] for i in used},
         {names[i]: _of_view(kept, error, i) for i in used},
@@ -142,18 +137,6 @@ def fit_camera(views: Sequence[BoardView], size: tuple[int, int], kind: LensKind
         _coverage(seen, size),
         float(np.degrees(np.arccos(unproject(seen, rig.lenses[0])[:, 2].min()))),
     )
-
-
-def view_residuals(fit: CameraFit, views: Sequence[BoardView]) -> dict[str, Array]:
-    """Predicted minus observed pixel (N, 2) in new views, of which only the poses are fitted.
-
-    All corners count, outliers included.
-    """
-    boards = tuple(pose_from_rays(v.points, unproject(v.pixels, fit.lens)) for v in views)
-    corners = stack_corners([v.points for v in views], [v.pixels[None] for v in views], fit.area)
-    rig = fit_poses(corners, BoardRig((fit.lens,), (IDENTITY,), boards, fit.bend))
-    error = residuals(corners, rig)[0]
-    return {view.name: _of_view(corners, error, i) for i, view in enumerate(views)}
 
 
 def better_fit(fit: CameraFit, views: Sequence[BoardView]) -> CameraFit | None:
@@ -201,10 +184,6 @@ def _check_views(views: Sequence[BoardView], size: tuple[int, int]) -> None:
 
 
 def _check_view(view: BoardView, size: tuple[int, int]) -> None:
-    if view.points.shape != (len(view.points), 3):
-        raise ShapeError(f"{view.name}: points", view.points.shape, "(N, 3)")
-    if view.pixels.shape != (len(view.points), 2):
-        raise ShapeError(f"{view.name}: pixels", view.pixels.shape, "(N, 2) like its points")
     if not ((view.pixels > -1) & (view.pixels < size)).all():
         raise InputError(
             f"{view.name}: some corners are NaN or outside the picture of {size[0]}x{size[1]}; find the "

@@ -79,16 +79,10 @@ class Corners:
         return replace(self, use=use)
 
 
-def stack_corners(
-    points: Sequence[Array], pixels: Sequence[Array], area: Array | None = None
-) -> Corners:
-    """Concatenate views: per view, points (N, 3) [m] and pixels (D, N, 2), NaN where not observed.
-
-    `area` (2, 2) [m] spans all points if not given.
-    """
+def stack_corners(points: Sequence[Array], pixels: Sequence[Array]) -> Corners:
+    """Concatenate views: per view, points (N, 3) [m] and pixels (D, N, 2), NaN where not observed."""
     every, where = np.concatenate(points), np.concatenate(pixels, axis=1)
-    if area is None:
-        area = np.stack([every[:, :2].min(axis=0), every[:, :2].max(axis=0)])
+    area = np.stack([every[:, :2].min(axis=0), every[:, :2].max(axis=0)])
     starts = np.cumsum([0, *(len(p) for p in points)])
     seen = np.asarray(np.isfinite(where).all(axis=2), np.bool_)
     return Corners(every, where, seen, starts, area)

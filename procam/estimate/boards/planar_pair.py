@@ -12,14 +12,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import rq
 
 from procam.arrays import Array
-from procam.errors import CalibrationError, NotEnoughData, ShapeError
+from procam.errors import CalibrationError, NotEnoughData
 from procam.estimate.boards.corners import BoardRig, Corners, residuals, stack_corners
-from procam.estimate.boards.held_out import best_model, held_out_residuals
-from procam.estimate.boards.jackknife import jackknife_covariance
-from procam.estimate.boards.projector_corners import direct_linear_transform, projector_corners
+from procam.estimate.boards.left_out import best_model, held_out_residuals, jackknife_covariance
+from procam.estimate.boards.projector_corners import projector_corners, resect_pinhole
 from procam.estimate.boards.robust_fit import (
     IDENTITY,
     MIN_CORNERS,
@@ -94,15 +92,6 @@ class PlanarPair:
     dropped_views: tuple[str, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class _Fit:
-    """A fit with the covariance of lenses and pose, and the residuals (2, T, 2) of views left out."""
-
-    rig: BoardRig
-    covariance: Array
-    held_out: Array
-
-
 def pair_view(name: str, points: Array, camera_px: Array, found: CorrespondenceMap) -> PairView:
     """A view from corners (N, 3) [m] at camera pixels (N, 2) and a decoded correspondence map."""
     return PairView(name, points, camera_px, projector_corners(found, camera_px))
@@ -142,7 +131,7 @@ def fit_planar_pair(
     shared = 2 * terms + POSE_TERMS
     covariance = jackknife_covariance(adjustment, rig)[:shared, :shared]
     left_out = held_out_residuals(model, kept, rig, FOLDS)
-    return _result(views, corners, kept, _Fit(rig, covariance, left_out))
+    return _result([v.name for v in views], corners, kept, rig, (covariance, left_out))
 
 
 def _start(
@@ -158,52 +147,44 @@ def _start(
 
 
 def _with_projector(corners: Corners, camera: BoardRig, size: tuple[int, int]) -> BoardRig:
-    """`camera` with the projector's initial lens and pose, by resection (Hartley & Zisserman, s. 7.1).
-
-    The direct linear transform needs no initial principal point, which lens shift may put outside
-    the panel.
-    """
+    """`camera` with the projector's initial lens and pose, by resection."""
     use = corners.use[0] & corners.use[1]
     views = zip(camera.boards, corners.views, strict=True)
     points = np.concatenate([board.apply(corners.points[view]) for board, view in views])[use]
-    middle, scale = points.mean(axis=0), float(points.std())
-    source = np.c_[(points - middle) / scale, np.ones(len(points))]
-    half = np.array(size) / 2
-    target = (corners.pixels[1][use] - half) / half.max()
-    matrix = direct_linear_transform(source, target, np.ones(len(source)))
-    matrix = matrix * np.sign(np.median(source @ matrix[2]))
-    triangle, rotation = rq(matrix[:, :3])
-    sign = np.diag(np.sign(np.diag(triangle)))
-    triangle, rotation = triangle @ sign, sign @ rotation
-    if np.linalg.det(rotation) < 0:
+    found = resect_pinhole(points, corners.pixels[1][use], size)
+    if found is None:
         raise CalibrationError(
             "projector: its picture is mirrored; switch off rear projection and flip in its menu"
         )
-    shift = np.linalg.solve(triangle, matrix[:, 3]) * scale - rotation @ middle
-    triangle = triangle / triangle[2, 2] * half.max()
-    lens = Lens("brown", np.diag(triangle)[:2], triangle[:2, 2] + half, np.zeros(5))
-    lenses, devices = (*camera.lenses, lens), (IDENTITY, Pose(rotation, shift))
+    lens, pose = found
+    lenses, devices = (*camera.lenses, lens), (IDENTITY, pose)
     return BoardRig(lenses, devices, camera.boards, camera.bend)
 
 
-def _result(views: Sequence[PairView], corners: Corners, kept: Corners, fit: "_Fit") -> PlanarPair:
-    names = [v.name for v in views]
-    error = residuals(kept, fit.rig)
-    used = _used(kept)
+def _result(
+    names: Sequence[str],
+    corners: Corners,
+    kept: Corners,
+    rig: BoardRig,
+    judged: tuple[Array, Array],
+) -> PlanarPair:
+    """A pair from its fit; `judged` are its covariance and the residuals (2, T, 2) of views left out."""
+    error, used = residuals(kept, rig), _used(kept)
+    covariance, left_out = judged
     lists = [
         [dropped_corners(corners, kept, error[device], (device, i), names[i]) for i in used]
         for device in range(len(DEVICES))
     ]
     return PlanarPair(
-        fit.rig.lenses[0],
-        fit.rig.lenses[1],
-        fit.rig.devices[1],
-        fit.covariance,
-        fit.rig.bend,
+        rig.lenses[0],
+        rig.lenses[1],
+        rig.devices[1],
+        covariance,
+        rig.bend,
         kept.area,
-        {names[i]: fit.rig.boards[i] for i in used},
+        {names[i]: rig.boards[i] for i in used},
         _by_view(kept, error, {i: names[i] for i in used}),
-        _by_view(kept, fit.held_out, {i: names[i] for i in used}),
+        _by_view(kept, left_out, {i: names[i] for i in used}),
         {device: tuple(itertools.chain(*of)) for device, of in zip(DEVICES, lists, strict=True)},
         tuple(name for i, name in enumerate(names) if i not in used),
     )
@@ -236,11 +217,6 @@ def _check_used(kept: Corners) -> None:
 def _check(views: Sequence[PairView], projector_size: tuple[int, int]) -> None:
     check_count(views, 6)
     for view in views:
-        for name, pixels in zip(DEVICES, (view.camera_px, view.projector_px), strict=True):
-            if pixels.shape != (len(view.points), 2):
-                raise ShapeError(
-                    f"{view.name}: {name} pixels", pixels.shape, "(N, 2) like its points"
-                )
         lit = np.asarray(np.isfinite(view.projector_px).all(axis=1), np.bool_)
         if not determines_pose(view.points[lit]):
             raise NotEnoughData(

@@ -4,9 +4,12 @@ doi:10.1109/3DIMPVT.2012.77
 """
 
 import numpy as np
+from scipy.linalg import rq
 from scipy.spatial import KDTree
 
 from procam.arrays import Array
+from procam.maths.geometry.lenses import Lens
+from procam.maths.geometry.pose import Pose
 from procam.model.correspondence import CorrespondenceMap
 
 WINDOW = 1.0  # radius, over the distance to the nearest corner: the window stays on the board
@@ -64,3 +67,25 @@ def direct_linear_transform(source: Array, target: Array, weight: Array) -> Arra
     ]
     rows = rows * np.r_[weight, weight][:, None]
     return np.asarray(np.linalg.eigh(rows.T @ rows)[1][:, 0].reshape(3, source.shape[1]))
+
+
+def resect_pinhole(points: Array, pixels: Array, size: tuple[int, int]) -> tuple[Lens, Pose] | None:
+    """Lens and pose of a pinhole whose pixels (N, 2) see points (N, 3) [m]; None if it sees them mirrored.
+
+    The direct linear transform (Hartley & Zisserman, s. 7.1) needs no initial principal point, which lens
+    shift may put outside the panel of `size` (width, height).
+    """
+    middle, scale = points.mean(axis=0), float(points.std())
+    source = np.c_[(points - middle) / scale, np.ones(len(points))]
+    half = np.array(size) / 2
+    matrix = direct_linear_transform(source, (pixels - half) / half.max(), np.ones(len(source)))
+    matrix = matrix * np.sign(np.median(source @ matrix[2]))
+    triangle, rotation = rq(matrix[:, :3])
+    sign = np.diag(np.sign(np.diag(triangle)))
+    triangle, rotation = triangle @ sign, sign @ rotation
+    if np.linalg.det(rotation) < 0:
+        return None
+    shift = np.linalg.solve(triangle, matrix[:, 3]) * scale - rotation @ middle
+    triangle = triangle / triangle[2, 2] * half.max()
+    lens = Lens("brown", np.diag(triangle)[:2], triangle[:2, 2] + half, np.zeros(5))
+    return lens, Pose(rotation, shift)

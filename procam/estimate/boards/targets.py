@@ -1,4 +1,4 @@
-"""Corners of printed boards and AprilTags in photographs, by OpenCV 5."""
+"""Corners of printed boards in photographs, by OpenCV 5."""
 
 import math
 from dataclasses import dataclass
@@ -8,9 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.arrays import Array, Array32, BoolArray
+from procam.arrays import Array, Array32
 from procam.errors import InputError
-from procam.model.optics import TagFamily
 
 Picture = NDArray[np.uint8] | NDArray[np.uint16] | Array32
 BoardKind = Literal["checkerboard", "charuco"]
@@ -19,14 +18,6 @@ MIN_WINDOW_PX, MAX_WINDOW_PX = 2, 11  # half width of the sub-pixel window
 BRIGHT_PERCENT = 99.5  # that becomes white in 8 bits
 SEARCH_PX, HINT_PX = 1600, 1000  # longest side of the copies that are searched
 MIN_SQUARES = 4
-TAG_SETS: dict[TagFamily, int] = {
-    "36h11": cv2.aruco.DICT_APRILTAG_36h11,
-    "25h9": cv2.aruco.DICT_APRILTAG_25h9,
-    "16h5": cv2.aruco.DICT_APRILTAG_16h5,
-}
-MIN_TAG_PX = 10.0  # edge, in the photograph
-TAG_WINDOWS_PX = (7, 47, 20)  # of the adaptive threshold: smallest, largest, step
-TAG_CORRECTION = 0.4  # of the bits a family can correct: two for 36h11, none for 16h5
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,45 +92,6 @@ def suggest_squares(picture: Picture, squares: tuple[int, int]) -> tuple[int, in
         if cv2.findChessboardCornersSB(small, (other[0] - 1, other[1] - 1))[0]:
             return other
     return None
-
-
-def find_tags(
-    grey: NDArray[np.uint8], family: TagFamily, scale: int = 1
-) -> list[tuple[int, Array]]:
-    """IDs and corners (4, 2) [px] of the AprilTags in a picture (H, W); corners to half a pixel.
-
-    The corners go round each tag from its own top left. The search enlarges the picture `scale` times:
-    2 finds tags of half the size. Mirrored tags are not found.
-    """
-    if scale > 1:
-        size = (scale * grey.shape[1], scale * grey.shape[0])
-        grey = np.asarray(cv2.resize(grey, size, interpolation=cv2.INTER_CUBIC), np.uint8)
-    settings = cv2.aruco.DetectorParameters()
-    settings.adaptiveThreshWinSizeMin, settings.adaptiveThreshWinSizeMax = TAG_WINDOWS_PX[:2]
-    settings.adaptiveThreshWinSizeStep = TAG_WINDOWS_PX[2]
-    settings.adaptiveThreshConstant = 5
-    # without a smallest size every speck of noise is tried as a tag
-    settings.minMarkerPerimeterRate = 4 * MIN_TAG_PX * scale / max(grey.shape)
-    settings.errorCorrectionRate = TAG_CORRECTION
-    settings.perspectiveRemovePixelPerCell = 8
-    found = cv2.aruco.ArucoDetector(_tag_set(family), settings).detectMarkers(grey)
-    corners, ids = found[0], () if found[1] is None else found[1]
-    places = [(_points(c) + 0.5) / scale - 0.5 for c in corners]
-    return [(int(n), place) for n, place in zip(np.ravel(ids), places, strict=True)]
-
-
-def tag_cells(family: TagFamily, number: int) -> BoolArray:
-    """Which cells (N, N) of an AprilTag are white, its black border included.
-
-    >>> tag_cells("16h5", 3).shape
-    (6, 6)
-    """
-    tags = _tag_set(family)
-    return np.asarray(cv2.aruco.generateImageMarker(tags, number, tags.markerSize + 2) > 0)
-
-
-def _tag_set(family: TagFamily) -> Any:
-    return cv2.aruco.getPredefinedDictionary(TAG_SETS[family])
 
 
 def to_8bit(picture: Picture) -> NDArray[np.uint8]:

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from procam.arrays import AnyArray, Array, BoolArray, IndexArray
-from procam.errors import InputError, NotEnoughData, OutOfModelRange, ShapeError
+from procam.errors import InputError, NotEnoughData, OutOfModelRange
 from procam.estimate.camera.radiance import Radiometer
 from procam.maths.statistics import robust_sigma
 
@@ -63,14 +63,11 @@ def linear_light(counts: AnyArray, radiometer: Radiometer) -> Array:
     and no pixel is saturated.
     """
     sensor, light = radiometer.camera.sensor, np.atleast_3d(counts).astype(float)
-    if light.shape[:2] != radiometer.seen.shape:
-        raise ShapeError("photograph", light.shape, f"{radiometer.seen.shape} as the camera's size")
     if not np.issubdtype(counts.dtype, np.floating):
         light[light >= 2**sensor.bits - 1] = np.nan
         light -= sensor.black_level
-    theta2 = np.arccos(np.clip(radiometer.rays[..., 2], -1, 1)) ** 2
-    fall = np.polynomial.polynomial.polyval(theta2, [1.0, *sensor.vignetting])
-    return np.asarray(light / np.where(radiometer.seen, fall, 1.0)[..., None])
+    fall = np.where(radiometer.seen, radiometer.fall(radiometer.rays), 1.0)
+    return np.asarray(light / fall[..., None])
 
 
 def black_level(dark: AnyArray, bits: int) -> tuple[float, float]:
@@ -123,7 +120,7 @@ def circle_mask(shape: tuple[int, int], x: float, y: float, radius: float) -> Bo
 
 def fit_glare(
     lights: Sequence[Array],
-    traps: Sequence[BoolArray | tuple[float, float, float]],
+    traps: Sequence[tuple[float, float, float]],
     seen: BoolArray,
     *,
     trap_sigma: float = TRAP_SIGMA,
@@ -133,7 +130,7 @@ def fit_glare(
     Parameters
     ----------
     lights : (H, W) or (H, W, C) each, as from `linear_light`; NaN where saturated.
-    traps : per photograph the inside of the trap, clear of its rim: a mask (H, W) or x, y, radius [px].
+    traps : per photograph the inside of the trap, clear of its rim: x, y, radius [px].
     seen : (H, W) the image circle, whose mean causes the glare.
     trap_sigma : light that the trap may reflect itself, as a share of the mean.
 
@@ -152,13 +149,9 @@ def fit_glare(
     photographs by Student's t, since glare varies over the picture. For a single photograph that
     variation is assumed to be `GLARE_VARIATION` of the glare.
     """
-    if not lights or len(lights) != len(traps):
-        raise InputError(
-            f"glare: {len(lights)} photographs and {len(traps)} traps do not match; give one trap for each"
-        )
     found = []
     for number, (light, trap) in enumerate(zip(lights, traps, strict=True), start=1):
-        inside = trap if isinstance(trap, np.ndarray) else circle_mask(seen.shape, *trap)
+        inside = circle_mask(seen.shape, *trap)
         found.append(
             _glare(f"photograph {number}", np.atleast_3d(light), (inside, seen), trap_sigma)
         )
@@ -176,8 +169,6 @@ def _glare(
 ) -> tuple[float, float]:
     """Glare of one photograph, and its standard error from noise and channels."""
     inside, seen = masks
-    if light.shape[:2] != seen.shape or inside.shape != seen.shape:
-        raise ShapeError(name, light.shape[:2], f"{seen.shape} like the image circle")
     mean = _surround(name, light, seen)
     if not inside.any() or (inside & ~seen).any():
         raise InputError(
@@ -285,10 +276,6 @@ def _averaged(lights: Sequence[Array], theta: Array, seen: BoolArray) -> Array:
     total = np.zeros(seen.shape)
     near = seen & (theta <= theta[seen].max() / 4) if seen.any() else seen
     for number, light in enumerate(lights, start=1):
-        if light.shape[:2] != seen.shape:
-            raise ShapeError(
-                f"photograph {number}", light.shape[:2], f"{seen.shape} like the image circle"
-            )
         grey = np.atleast_3d(light).mean(axis=2)
         lost = float(np.isnan(grey[seen]).mean()) if seen.any() else 1.0
         if lost > MAX_SATURATED:
@@ -303,8 +290,6 @@ def _averaged(lights: Sequence[Array], theta: Array, seen: BoolArray) -> Array:
                 "black; check f, c and black_level"
             )
         total += grey / level
-    if not len(lights):
-        raise NotEnoughData("vignetting: there are no photographs; give one or more, best four")
     return total / len(lights)
 
 

@@ -9,7 +9,6 @@ import numpy as np
 from scipy.ndimage import uniform_filter
 
 from procam.arrays import AnyArray, Array, BoolArray, Image
-from procam.errors import InputError, ShapeError
 from procam.estimate.camera.noise import NoiseLaw
 from procam.model.optics import Sensor
 
@@ -46,7 +45,6 @@ def merge_exposures(
     >>> round(float(radiance[0, 0] * sensor.full_scale), 3)  # 240 per second in both
     240.0
     """
-    _check(counts, exposures_s)
     order = np.argsort(exposures_s)
     seconds = np.asarray(exposures_s, float)[order]
     signal = [np.asarray(counts[i], float) - sensor.black_level for i in order]
@@ -61,17 +59,6 @@ def merge_exposures(
         variance = np.where(total > 0, 1 / total, np.nan)
     scale = sensor.full_scale
     return (rate / scale).astype(np.float32), (variance / scale**2).astype(np.float32)
-
-
-def _check(counts: Sequence[AnyArray], exposures_s: Sequence[float]) -> None:
-    if not counts or len(counts) != len(exposures_s) or min(exposures_s) <= 0:
-        raise InputError(
-            f"exposures: {len(counts)} pictures and the exposures {list(exposures_s)} s do not match; give "
-            "one or more pictures, each with its positive exposure"
-        )
-    for i, picture in enumerate(counts):
-        if picture.shape != counts[0].shape:
-            raise ShapeError(f"exposure {i}", picture.shape, f"{counts[0].shape} like the first")
 
 
 def _usable(

@@ -12,7 +12,7 @@ from scipy.ndimage import uniform_filter
 from scipy.optimize import brentq
 
 from procam.arrays import AnyArray, Array, Map
-from procam.errors import NotEnoughData, OutOfModelRange, ShapeError
+from procam.errors import NotEnoughData, OutOfModelRange
 
 MIN_PIXELS = 50
 MIN_LEVEL = 0.1  # of the brightest white, for a pixel to count
@@ -57,9 +57,6 @@ def linearity_error(
     weights from the pixel itself would correlate with its noise and resemble a gamma.
     """
     pictures = [np.asarray(p, np.float32) for p in (white, black, pattern, inverse)]
-    for name, picture in zip(("black", "pattern", "inverse"), pictures[1:], strict=True):
-        if picture.shape != pictures[0].shape:
-            raise ShapeError(name, picture.shape, f"{pictures[0].shape} like white")
     weight = _brightness_of_both(*pictures)
     top = float(np.nanpercentile(pictures[0], 99.5))
     use = np.all([np.isfinite(p) for p in pictures], axis=0) & (weight > 0)

@@ -63,8 +63,7 @@ def noise_from_repeat(first: AnyArray, second: AnyArray, sensor: Sensor) -> Nois
     a, b = (np.asarray(c, float) - sensor.black_level for c in (first, second))
     sound = np.maximum(a, b) < sensor.full_scale
     a, b = a[sound], b[sound]
-    ratio = float(a @ b) / max(float(b @ b), 1e-9)
-    return _fit_robustly(0.5 * (a + b), (a - ratio * b) ** 2 / (1 + ratio**2))
+    return _fit_robustly(*_level_and_square(a, b))
 
 
 def noise_from_pairs(counts: Sequence[AnyArray], sensor: Sensor) -> NoiseLaw:
@@ -77,11 +76,15 @@ def noise_from_pairs(counts: Sequence[AnyArray], sensor: Sensor) -> NoiseLaw:
     sound = np.max(light, axis=0) < sensor.full_scale
     p, p_inverse, q, q_inverse = (c[sound] for c in light)
     a, b = p + p_inverse, q + q_inverse
-    ratio = float(a @ b) / max(float(b @ b), 1e-9)
-    level = 0.5 * (a + b)
-    rounding = 2 * _rounding(np.ravel(light), level)
-    law = _fit_robustly(level, (a - ratio * b) ** 2 / (1 + ratio**2), rounding)
+    level, square = _level_and_square(a, b)
+    law = _fit_robustly(level, square, 2 * _rounding(np.ravel(light), level))
     return NoiseLaw(law.floor / 2, law.per_level)
+
+
+def _level_and_square(a: Array, b: Array) -> tuple[Array, Array]:
+    """Mean level (n,) of two pictures (n,) of the same, and the squares by which one sample is off."""
+    ratio = float(a @ b) / max(float(b @ b), 1e-9)
+    return 0.5 * (a + b), (a - ratio * b) ** 2 / (1 + ratio**2)
 
 
 def fit_noise_law(level: Array, variance: Array) -> NoiseLaw:

@@ -6,10 +6,11 @@ from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
+from numpy.polynomial.polynomial import polyval
 
 from procam.arrays import Array, Array32, BoolArray, Image
 from procam.estimate.camera.binning import Binning
-from procam.estimate.camera.near_veil import near_veil
+from procam.estimate.camera.veil import near_veil
 from procam.maths.geometry.lenses import project, unproject
 from procam.model.frame import Frame
 from procam.model.optics import CameraModel, Sensor
@@ -54,7 +55,7 @@ class Radiometer:
         """Factor (H, W) against vignetting; 0 where nothing is seen."""
         found = np.empty(self.seen.shape, np.float32)
         for rows in self._bands():
-            fall = self._fall(unproject(self._pixels(rows), self.camera.lens))
+            fall = self.fall(unproject(self._pixels(rows), self.camera.lens))
             found[rows] = np.where(self.seen[rows], 1 / np.maximum(fall, LEAST_LIGHT), 0.0)
         return found
 
@@ -71,13 +72,10 @@ class Radiometer:
         columns = np.arange(self.camera.size[0])
         return np.stack(np.meshgrid(columns, np.arange(rows.start, rows.stop)), -1).astype(float)
 
-    def _fall(self, rays: Array) -> Array:
+    def fall(self, rays: Array) -> Array:
         """Light (H, W) that vignetting leaves of rays (H, W, 3)."""
-        theta = np.arccos(np.clip(rays[..., 2], -1, 1))
-        fall = np.ones_like(theta)
-        for power, coefficient in enumerate(self.camera.sensor.vignetting, start=1):
-            fall += coefficient * theta ** (2 * power)
-        return fall
+        theta2 = np.arccos(np.clip(rays[..., 2], -1, 1)) ** 2
+        return np.asarray(polyval(theta2, [1.0, *self.camera.sensor.vignetting]))
 
     def _has_light(self, rows: slice) -> BoolArray:
         """Which pixels of some rows do."""
@@ -87,7 +85,7 @@ class Radiometer:
         radius = min(self.photographed.size) / 2 / self.binning.factor
         circle = lens.kind == "brown" or off_axis <= radius
         away = np.linalg.norm(project(rays, lens) - pixels, axis=-1)
-        return np.asarray((self._fall(rays) > LEAST_LIGHT) & circle & (away < FOLD_PX))
+        return np.asarray((self.fall(rays) > LEAST_LIGHT) & circle & (away < FOLD_PX))
 
     def with_glare(self, sensor: Sensor) -> "Radiometer":
         """The same camera, whose `sensor` differs in its glare; rays are not computed again."""

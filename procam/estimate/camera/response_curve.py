@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 from scipy.interpolate import BSpline
 
 from procam.arrays import Array
@@ -28,16 +29,12 @@ class LogSlopeCurve:
 
     def light(self) -> Array:
         """Light (G,)."""
-        return self._integral(self.slope[:, None])[:, 0]
+        return np.asarray(cumulative_trapezoid(self.slope, self.levels, initial=0))
 
     def by_bends(self) -> Array:
         """Derivatives (G, P) of the light."""
-        return self._integral(self.slope[:, None] * self.basis)
-
-    def _integral(self, values: Array) -> Array:
-        steps = np.diff(self.levels)[:, None] / 2
-        summed = np.cumsum((values[1:] + values[:-1]) * steps, axis=0)
-        return np.vstack([np.zeros(summed.shape[1]), summed])
+        steep = self.slope[:, None] * self.basis
+        return np.asarray(cumulative_trapezoid(steep, self.levels, axis=0, initial=0))
 
 
 def initial_curve() -> LogSlopeCurve:
@@ -54,10 +51,3 @@ def initial_curve() -> LogSlopeCurve:
 def second_differences(count: int) -> Array:
     """Matrix of the second differences of `count` coefficients and a last one that is 0."""
     return np.diff(np.eye(count + 1), 2, axis=0)[:, :-1]
-
-
-def interpolated(at: Array, grid: Array, rows: Array) -> Array:
-    """Rows (G, P) at the places of a rising grid (G,), interpolated at other places (N,)."""
-    low = np.clip(np.searchsorted(grid, at) - 1, 0, len(grid) - 2)
-    share = ((at - grid[low]) / (grid[low + 1] - grid[low]))[:, None]
-    return np.asarray(rows[low] * (1 - share) + rows[low + 1] * share)

@@ -14,9 +14,10 @@ step to step, so there is no damping by it as in `maths.levenberg`; long steps a
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.interpolate import make_interp_spline
 
 from procam.arrays import Array, BoolArray, IndexArray
-from procam.estimate.camera.response_curve import initial_curve, interpolated, second_differences
+from procam.estimate.camera.response_curve import initial_curve, second_differences
 from procam.maths.statistics import robust_sigma
 
 SHUTTER_SIGMA = 0.02  # relative: headers say 1/60 and 1/125, shutters do 1/64 and 1/128
@@ -237,9 +238,10 @@ class CameraResponseFit:
 
     def _equations(self) -> _ResponseEquations:
         curve = self.curve
-        levels, slope, light, by_bends = curve.levels, curve.slope, curve.light(), curve.by_bends()
+        levels, slope, light = curve.levels, curve.slope, curve.light()
+        by_bend = make_interp_spline(levels, curve.by_bends(), k=1)
         photos, blocks = self.use.shape
-        bends = by_bends.shape[1]
+        bends = len(curve.bends)
         total = bends + photos
         matrix, right = np.zeros((total, total)), np.zeros(total)
         cross, own, own_right = np.zeros((blocks, total)), np.zeros(blocks), np.zeros(blocks)
@@ -247,7 +249,7 @@ class CameraResponseFit:
             residual, steepness = self.blocks.level[j] - level, np.interp(level, levels, slope)
             # the shutter time acts as the brightness does
             by_brightness = np.interp(level, levels, light) / steepness
-            rows = interpolated(level, levels, -by_bends) / steepness[:, None]
+            rows = by_bend(level) / -steepness[:, None]
             weight = self.use[j] / self.noise[j] ** 2
             weight /= np.maximum(np.abs(residual) / (HUBER * self.noise[j]), 1)
             weighted = weight * by_brightness

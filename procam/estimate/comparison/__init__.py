@@ -3,7 +3,3 @@
 `common_pixels` matches the pixels of a projector, `verdict` finds the probable cause of a difference,
 `compare` puts both together with areas and light.
 """
-
-from procam.estimate.comparison.compare import Angles, Comparison, Difference, compare_calibrations
-
-__all__ = ["Angles", "Comparison", "Difference", "compare_calibrations"]

@@ -19,7 +19,6 @@ from procam.estimate.comparison.common_pixels import (
     rms_arcmin,
     smooth_field,
 )
-from procam.estimate.comparison.responses import response_departures
 from procam.estimate.comparison.verdict import (
     CLOSE,
     PictureStep,
@@ -33,10 +32,11 @@ from procam.estimate.comparison.verdict import (
 from procam.maths.geometry.pose import rotation_vector
 from procam.maths.geometry.sphere import ARCMIN
 from procam.model.calibration import Calibration
-from procam.model.photometry import Departure
+from procam.model.photometry import Departure, ResponseCurve, departures
 from procam.model.transport import Measured
 
 SCREEN = ("radius_m", "degree")
+DRIVES = np.linspace(0, 1, 86)  # every third code
 
 
 @dataclass(frozen=True, slots=True)
@@ -225,3 +225,27 @@ def _light(first: Calibration, second: Calibration) -> dict[str, LightStep]:
 def _light_step(first: Measured, second: Measured) -> LightStep:
     sigma = np.hypot(first.sigma, second.sigma)
     return LightStep(first.value.tolist(), second.value.tolist(), sigma.tolist())
+
+
+def response_departures(first: Calibration, second: Calibration) -> dict[str, Departure]:
+    """The clearest difference of each projector of A and B."""
+    return {
+        name: _step(here.photometry.response, second.projectors[name].photometry.response)
+        for name, here in first.projectors.items()
+    }
+
+
+def _step(first: ResponseCurve, second: ResponseCurve) -> Departure:
+    (old, old_sigma), (new, new_sigma) = _at(first), _at(second)
+    step, sigma = new - old, np.hypot(old_sigma, new_sigma)
+    whole, *each = departures(step, sigma, DRIVES)
+    return whole if whole.excess > 1 else max([whole, *each], key=lambda found: found.excess)
+
+
+def _at(curve: ResponseCurve) -> tuple[Array, Array]:
+    """Light (n, 3) of a response, and its standard error, at `DRIVES`."""
+    light, sigma = (
+        np.stack([np.interp(DRIVES, curve.levels, column) for column in table.T], axis=1)
+        for table in (curve.values, curve.sigma)
+    )
+    return light, sigma

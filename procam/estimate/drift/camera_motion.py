@@ -11,7 +11,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from procam.arrays import Array
-from procam.estimate.geometry.model import moved_pose, project_to_camera
+from procam.estimate.geometry.model import project_to_camera
 from procam.maths.geometry.pose import rotation_vector
 from procam.maths.statistics import robust_sigma_2d
 from procam.model.optics import CameraModel
@@ -122,7 +122,7 @@ def _same(seen: Seen, same_px: float) -> float:
 
 def _placed(camera: CameraModel, x: Array) -> CameraModel:
     assert camera.camera_from_dome is not None
-    return replace(camera, camera_from_dome=moved_pose(camera.camera_from_dome, x))
+    return replace(camera, camera_from_dome=camera.camera_from_dome.moved(x))
 
 
 def _resected(

@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from procam.arrays import Array, Image
 from procam.maths.statistics import robust_sigma
@@ -52,13 +51,12 @@ class Motion:
 
     With x, y from the middle in those units, the displacement is (a0 + a1 x + a2 y + x (g x + h y),
     b0 + b1 x + b2 y + y (g x + h y)); `terms` (8,) are a0, a1, a2, b0, b1, b2, g, h and `covariance`
-    (8, 8) theirs. `scatter` is the robust misfit of windows [grid px].
+    (8, 8) theirs.
     """
 
     shape: tuple[int, int]
     terms: Array
     covariance: Array
-    scatter: float
 
     def at(self, place: Array) -> Array:
         """Displacement (..., 2) [grid px] of places (..., 2) on the grid."""
@@ -79,7 +77,7 @@ class Motion:
 
 def unmoved(shape: tuple[int, int]) -> Motion:
     """No displacement."""
-    return Motion(shape, np.zeros(TERMS), np.zeros((TERMS, TERMS)), 0.0)
+    return Motion(shape, np.zeros(TERMS), np.zeros((TERMS, TERMS)))
 
 
 def _rows(place: Array, shape: tuple[int, int]) -> Array:
@@ -109,7 +107,7 @@ def fit_motion(windows: Windows, shape: tuple[int, int]) -> Motion:
         freedom = max(1.0, residual.size - TERMS) / residual.size
         found = robust_sigma(residual, 0.0) / np.sqrt(freedom)
         extra = float(np.sqrt(max(0.0, found**2 - float(np.median(sigma)) ** 2)))
-    return Motion(shape, terms, np.linalg.inv(normal), found)
+    return Motion(shape, terms, np.linalg.inv(normal))
 
 
 def follow(before: Image, photograph: Sampler, start: Motion) -> tuple[Motion, Windows]:
@@ -144,18 +142,20 @@ def grid_places(shape: tuple[int, int]) -> Array:
 def _as_sharp(before: Image, today: Image, blur2: float) -> tuple[Image, Image]:
     """Both textures, the sharper one blurred by the variance that the other has more."""
     if blur2 > 1e-3:
-        return _blurred(before, blur2), today
+        return blurred(before, blur2), today
     if blur2 < -1e-3:
-        return before, _blurred(today, -blur2)
+        return before, blurred(today, -blur2)
     return before, today
 
 
-def _blurred(texture: Image, blur2: float) -> Image:
-    """A texture (h, w) blurred where it is known; NaN near what is not."""
-    known = np.isfinite(texture)
-    soft = blur(np.where(known, texture, 0), float(np.sqrt(blur2)))
-    share = blur(known.astype(np.float32), float(np.sqrt(blur2)))
-    return np.where(known & (share > 0.999), soft / np.maximum(share, 0.5), np.nan)
+def blurred(image: Image, variance: float) -> Image:
+    """An image (h, w[, C]) blurred where it is known; NaN near what is not."""
+    known = np.asarray(np.isfinite(image).reshape(*image.shape[:2], -1).all(axis=-1))
+    shaped = (..., None) if image.ndim == 3 else (...,)
+    soft = blur(np.where(known[shaped], image, 0), float(np.sqrt(variance)))
+    share = blur(known.astype(np.float32), float(np.sqrt(variance)))
+    inside = known & (share > 0.999)
+    return np.where(inside[shaped], soft / np.maximum(share, 0.5)[shaped], np.float32(np.nan))
 
 
 def _windows(base: Image, seen: Image, grid: Array, motion: Motion) -> Windows:
@@ -164,8 +164,8 @@ def _windows(base: Image, seen: Image, grid: Array, motion: Motion) -> Windows:
     curve = np.gradient(rise_x, axis=1) + np.gradient(rise_y, axis=0)
     layers = np.stack([seen, base, rise_x, rise_y, curve, np.ones_like(base)], axis=-1)
     rows = list[tuple[Array, Array, float, float]]()
-    for top, left, height, width in _cells(base.shape):
-        part = layers[top : top + height, left : left + width].reshape(-1, 6).astype(float)
+    for window in window_slices(base.shape, BLOCKS):
+        part = layers[window].reshape(-1, 6).astype(float)
         good = np.isfinite(part).all(axis=1)
         if good.sum() < max(LEAST_POINTS, LEAST_SHARE * part.shape[0]):
             continue
@@ -173,7 +173,7 @@ def _windows(base: Image, seen: Image, grid: Array, motion: Motion) -> Windows:
         if fit is None:
             continue
         shift, sigma, blur2 = fit
-        middle = grid[top : top + height, left : left + width].reshape(-1, 2)[good].mean(axis=0)
+        middle = grid[window].reshape(-1, 2)[good].mean(axis=0)
         rows.append((middle, shift, sigma, blur2))
     if not rows:
         return Windows(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0), np.zeros(0))
@@ -181,18 +181,15 @@ def _windows(base: Image, seen: Image, grid: Array, motion: Motion) -> Windows:
     return Windows(place, motion.at(place) + rest, sigmas, blurs)
 
 
-def _cells(shape: tuple[int, ...]) -> NDArray[np.intp]:
-    """(top, left, height, width) of the fine windows."""
-    down, across = (
-        np.linspace(0, n, k + 1).astype(int) for n, k in zip(shape[:2], BLOCKS[::-1], strict=True)
+def window_slices(
+    shape: tuple[int, ...], across_down: tuple[int, int]
+) -> list[tuple[slice, slice]]:
+    """So many windows across and down of a grid (h, w), row by row."""
+    across, down = (
+        [slice(a, b) for a, b in pairwise(np.linspace(0, n, count + 1).astype(int))]
+        for n, count in zip(shape[1::-1], across_down, strict=True)
     )
-    return np.array(
-        [
-            (top, left, bottom - top, right - left)
-            for top, bottom in pairwise(down)
-            for left, right in pairwise(across)
-        ]
-    )
+    return [(rows, columns) for rows in down for columns in across]
 
 
 def _fitted(part: Array) -> tuple[Array, float, float] | None:

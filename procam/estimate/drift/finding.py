@@ -87,7 +87,12 @@ class Finding:
         return self.cause not in NOT_ALARMING
 
 
+def unsized(cause: Cause, subject: str, text: str, advice: str) -> Finding:
+    """A cause that has no size."""
+    return Finding(cause, subject, float("nan"), float("nan"), "-", text, advice)
+
+
 def not_seen(projector: str, text: str) -> Finding:
     """What the camera sees too little of to judge it."""
     advice = "look at masks in venue.toml, and at what stands before the camera"
-    return Finding("not seen", projector, float("nan"), float("nan"), "-", text, advice)
+    return unsized("not seen", projector, text, advice)

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from procam.arrays import Array
-from procam.model.photometry import CERTAIN, Departure
+from procam.model.photometry import CERTAIN, Departure, departures
 
 GAMMA = 2.2  # of the domain of interpolation
 LEAST_LEVELS = 6  # for the ends of the range to be fitted
@@ -116,18 +116,8 @@ class LevelModel:
     def rest(self, found: Explanation) -> Departure:
         """The largest difference that is not explained, of one channel or of their mean."""
         step = self._new - self._altered(np.array([np.log(found.exponent), *found.ends]))
-        mean, count = step.mean(axis=1), step.shape[1]
-        mean_sigma = np.sqrt((self._sigma**2).sum(axis=1)) / count
         return max(
-            (
-                Departure(float(size), float(sigma), float(drive), channel)
-                for column, sigmas, channel in (
-                    (mean, mean_sigma, None),
-                    *((step[:, c], self._sigma[:, c], c) for c in range(count)),
-                )
-                for size, sigma, drive in zip(column, sigmas, self._drives, strict=True)
-            ),
-            key=lambda departure: departure.excess,
+            departures(step, self._sigma, self._drives), key=lambda departure: departure.excess
         )
 
     def _altered(self, x: Array, drives: Array | None = None) -> Array:

@@ -6,12 +6,11 @@ another part of the panel there, spread over another area; both follow from the 
 """
 
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 
 from procam.arrays import Array, Image
-from procam.estimate.drift.displacement import Motion, grid_places
+from procam.estimate.drift.displacement import Motion, grid_places, window_slices
 from procam.estimate.drift.pictures import PanelGrid
 from procam.maths.statistics import MEDIAN_SIGMA, NORMAL_MAD
 from procam.maths.warp import grow
@@ -78,7 +77,9 @@ def white_ratio(
         direct = np.exp(moved_flux(np.where(known, flux, np.nan), motion))
         ratio = ratio / ((1 - scattered) * direct + scattered)[..., None]
     rows = [
-        row for part in window_slices(grid.shape) if (row := _window(grid, ratio, scattered, part))
+        row
+        for part in window_slices(grid.shape, WINDOWS)
+        if (row := _window(grid, ratio, scattered, part))
     ]
     if not rows:
         return WindowLight(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
@@ -128,15 +129,3 @@ def _powers(place: Array, shape: tuple[int, int]) -> Array:
         [x**i * y**j for i in range(SMOOTH_DEGREE + 1) for j in range(SMOOTH_DEGREE + 1 - i)],
         axis=-1,
     )
-
-
-def window_slices(shape: tuple[int, int]) -> list[tuple[slice, slice]]:
-    """The windows of a panel's grid (h, w)."""
-    down, across = (
-        np.linspace(0, n, k + 1).astype(int) for n, k in zip(shape, WINDOWS[::-1], strict=True)
-    )
-    return [
-        (slice(top, bottom), slice(left, right))
-        for top, bottom in pairwise(down)
-        for left, right in pairwise(across)
-    ]

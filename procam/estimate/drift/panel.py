@@ -139,11 +139,7 @@ def _seen(panel: Panel, now: VenuePhotographs, windows: Windows) -> Seen:
 
 def at_places(field: Array, place: Array) -> Array:
     """A smooth field (h, w, C) at places (n, 2) on its grid, (n, C); NaN outside."""
-    layers = [
-        sample(field[..., i].astype(np.float32), place[None].astype(np.float32), float("nan"))[0]
-        for i in range(field.shape[2])
-    ]
-    return np.stack(layers, axis=-1).astype(float)
+    return sample(field, place[None], float("nan"))[0].astype(float)
 
 
 def from_pose(

@@ -6,11 +6,10 @@ from typing import Literal
 import numpy as np
 
 from procam.arrays import Array, Image
-from procam.estimate.drift.displacement import Motion, grid_places
+from procam.estimate.drift.displacement import Motion, blurred, grid_places, window_slices
 from procam.estimate.drift.light_change import WindowLight, white_ratio
-from procam.estimate.drift.outline import EdgeBands, edge_follows
 from procam.estimate.drift.panel import Found, Panel, at_places, sample_today, shown_light
-from procam.estimate.drift.physical_motion import explains_motion
+from procam.estimate.drift.physical_motion import EdgeBands, edge_follows, explains_motion
 from procam.estimate.drift.pictures import PanelPictures, VenuePhotographs
 from procam.estimate.drift.response_change import (
     LEAST_LIGHT,
@@ -22,7 +21,6 @@ from procam.estimate.drift.response_change import (
 )
 from procam.estimate.geometry.screen_points import round_shape
 from procam.maths.statistics import MEDIAN_SIGMA, robust_sigma
-from procam.maths.warp import blur
 from procam.model.calibration import Calibration
 from procam.model.optics import ProjectorModel
 
@@ -30,7 +28,8 @@ BLUR_SHIFT, BLUR_SIGMA = 0.01, 0.022  # errors of motion and blur by a blur [gri
 # of white, by a motion of one grid px: tiles get other parts of the scattered light
 MOVED_SIGMA = 0.003
 BLACK_SIGMA = 0.012  # relative: drift of a camera's own black level between two sessions
-LEAST_BLUR2 = 0.02  # grid px^2
+LEAST_BLUR2 = 0.02  # grid px^2: less is not made up for
+QUARTERS = 2, 2
 MotionKind = Literal["moved", "scaled", "stretched", "keystone"]
 ELECTRONIC: tuple[MotionKind, ...] = ("scaled", "stretched", "keystone")
 MOST_STRETCH = 0.004  # difference of the two scales
@@ -176,7 +175,10 @@ def _response(
     today = sample_today(panel, now, grid_places(grid.shape) + motion.at(grid_places(grid.shape)))
     index = tile_index(panel.level_picture, grid.pixel)
     (levels, white), (new_levels, new_white) = (
-        [_softer(image @ matrix.T, more) for image in (pictures.levels, pictures.white)]
+        [
+            blurred(image @ matrix.T, more) if more > LEAST_BLUR2 else image @ matrix.T
+            for image in (pictures.levels, pictures.white)
+        ]
         for pictures, more in ((panel.before, blur2), (today, -blur2))
     )
     old, new = LevelLight.pair(
@@ -184,16 +186,6 @@ def _response(
     )
     away = motion.rms(grid_places(grid.shape)[grid.valid])[0]
     return compare_levels(old, new.doubtful(MOVED_SIGMA * away), raised)
-
-
-def _softer(image: Image, blur2: float) -> Image:
-    """An image (h, w, 3), blurred by a variance [grid px^2] if it is above nothing."""
-    if blur2 < LEAST_BLUR2:
-        return image
-    known = np.asarray(np.isfinite(image).all(axis=-1))
-    share = blur(known.astype(np.float32), float(np.sqrt(blur2)))
-    soft = blur(np.where(known[..., None], image, 0), float(np.sqrt(blur2)))
-    return np.where((known & (share > 0.999))[..., None], soft, np.nan).astype(np.float32)
 
 
 def _black(panel: Panel, today: PanelPictures) -> tuple[float, float, float]:
@@ -209,7 +201,7 @@ def _black(panel: Panel, today: PanelPictures) -> tuple[float, float, float]:
             float(image[part][good[part]].sum())
             for image in (old.black, old.white, new.black, new.white)
         ]
-        for part in _quarters(panel.grid.shape)
+        for part in window_slices(panel.grid.shape, QUARTERS)
         if good[part].any()
     ]
     if not parts:
@@ -224,21 +216,12 @@ def _black(panel: Panel, today: PanelPictures) -> tuple[float, float, float]:
     return whole, float(np.hypot(sigma, BLACK_SIGMA * whole)), float(before.sum() / white.sum())
 
 
-def _quarters(shape: tuple[int, int]) -> list[tuple[slice, slice]]:
-    down, across = shape[0] // 2, shape[1] // 2
-    return [
-        (y, x)
-        for y in (slice(0, down), slice(down, None))
-        for x in (slice(0, across), slice(across, None))
-    ]
-
-
 def _trend(today: PanelPictures) -> tuple[float, float]:
     """Rise of white from its first photograph to its second, and its standard error."""
     if today.again is None:
         return 0.0, 1.0
     parts = []
-    for part in _quarters((today.white.shape[0], today.white.shape[1])):
+    for part in window_slices(today.white.shape, QUARTERS):
         first, second = today.white[part], today.again[part]
         good = np.isfinite(first).all(axis=-1) & np.isfinite(second).all(axis=-1)
         if good.any():

@@ -16,6 +16,7 @@ from procam.estimate.drift.finding import (
     Cause,
     Finding,
     not_seen,
+    unsized,
 )
 from procam.estimate.drift.panel import NO_LIGHT
 from procam.estimate.drift.projector_change import MotionKind, ProjectorChange
@@ -63,12 +64,9 @@ def name_projector_causes(
         yield not_seen(name, "the camera sees hardly any of it, so it is not judged")
         return
     if change.shows < NO_LIGHT:
-        yield Finding(
+        yield unsized(
             "no picture",
             name,
-            float("nan"),
-            float("nan"),
-            "-",
             "it shows nothing",
             "check its lamp, shutter, input and cable",
         )
@@ -107,21 +105,15 @@ def name_projector_causes(
 
 def _no_texture(name: str, change: ProjectorChange) -> Finding:
     if change.turned_over != "as it was":
-        return Finding(
+        return unsized(
             "picture setting",
             name,
-            float("nan"),
-            float("nan"),
-            "-",
             f"its picture is {change.turned_over}",
             "undo the projection mode (ceiling or rear) in its menu",
         )
-    return Finding(
+    return unsized(
         "another picture",
         name,
-        float("nan"),
-        float("nan"),
-        "-",
         "it is lit, but its picture is not recognised: it moved far, is zoomed or out of focus, or something "
         "else plays",
         "look at it; check its place, lens, input and cable",
@@ -151,12 +143,9 @@ def _motion(calibration: Calibration, name: str, change: ProjectorChange) -> Ite
 def _light(name: str, change: ProjectorChange, common: float) -> Iterator[Finding]:
     alive = change.light > np.max(change.light) + np.log(DEAD)
     for channel in np.flatnonzero(~alive):
-        yield Finding(
+        yield unsized(
             "dead channel",
             name,
-            float("nan"),
-            float("nan"),
-            "-",
             f"it shows no {PRIMARIES[channel]}",
             "check its cable and colour settings; else it needs repair",
         )

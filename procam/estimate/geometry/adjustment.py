@@ -32,9 +32,9 @@ from procam.estimate.geometry.model import (
 )
 from procam.estimate.geometry.start import ProjectorPrior
 from procam.kernels import ShapeDerivatives
-from procam.maths.geometry.lens_derivatives import lens_parameters
-from procam.maths.geometry.lenses import unproject
+from procam.maths.geometry.lenses import lens_parameters, unproject
 from procam.maths.geometry.ray_to_screen import RoundShape
+from procam.maths.statistics import robust_sigma_2d
 from procam.model.optics import CameraModel, Distance, Fiducial
 
 Intrinsics = Literal["fixed", "prior", "solve"]
@@ -109,11 +109,6 @@ def systematic_ratio(
     sums = [np.bincount(cell, np.nan_to_num(s), cells**2) for s in score.T]
     share = number >= 0.3 * np.median(number[number > 1])
     return max(1.0, float(np.sqrt(np.mean(np.square(sums)[:, share] / number[share]))))
-
-
-def robust_sigma(score: Array) -> float:
-    """Standard deviation per axis of residuals, from the median of their lengths (N,)."""
-    return float(np.median(score)) / 1.1774  # the median of a Rayleigh distribution
 
 
 def prior_sigmas(problem: RigProblem, rig: RigGeometry) -> Array:
@@ -275,7 +270,7 @@ class Adjustment:
     def _robust_sigmas(self, rig: RigGeometry) -> dict[Pair, float]:
         """Robust sigma of each pair's residuals over their standard errors; at least 1."""
         return {
-            p: max(robust_sigma(normalised_residuals(self._residuals(rig, p), o)), 1.0)
+            p: max(robust_sigma_2d(normalised_residuals(self._residuals(rig, p), o)), 1.0)
             for p, o in self.seen.items()
         }
 

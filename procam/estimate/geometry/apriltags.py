@@ -15,7 +15,7 @@ from scipy.linalg import cho_factor, cho_solve
 
 from procam.arrays import Array, BoolArray, Image
 from procam.estimate.boards.start import homography_from_rays
-from procam.estimate.boards.targets import find_tags, tag_cells
+from procam.maths.codes.april_tags import find_tags, tag_cells
 from procam.maths.geometry.lenses import Lens, project, unproject
 from procam.maths.warp import blur, sample
 from procam.model.optics import AprilTag, CameraModel, Fiducial, TagFamily, tag_name

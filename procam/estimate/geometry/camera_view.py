@@ -1,11 +1,11 @@
-"""The dome as one camera sees it: direction and solid angle of every camera pixel."""
+"""The dome as one camera sees it: direction and solid angle of every pixel, and lenses that it looks into."""
 
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from procam.arrays import Array, BoolArray, FloatArray, Image
-from procam.estimate.geometry.model import camera_rays, project_to_camera
+from procam.estimate.geometry.model import RigGeometry, camera_rays, project_to_camera
 from procam.estimate.geometry.screen_points import intersect_screen, round_shape, screen_points
 from procam.maths.geometry.lenses import project_before_fold
 from procam.maths.geometry.sphere import normalise
@@ -13,6 +13,10 @@ from procam.model.optics import CameraModel, ProjectorModel
 from procam.model.screen import Dome
 
 BAND = 256  # rows at a time, in double precision
+HOUSING_RADIUS_M = (
+    0.15  # of a lens; also how far behind the screen a lens still shines through its hole
+)
+GLARE_PX = 3.0  # of glare around a lens's rim
 
 
 @dataclass(frozen=True)
@@ -73,3 +77,25 @@ class DomeView:
             inside &= (xy[..., 1] > -0.5) & (xy[..., 1] < height - 0.5) & self.on_screen[rows]
             found[rows][inside] = xy[inside]
         return found
+
+
+def lens_glints(rig: RigGeometry, model: CameraModel, rays: Array) -> BoolArray:
+    """Pixels (H, W) at which a camera of the rig sees a projector's lens, given their rays (H, W, 3).
+
+    A disc around every lens in front of the screen. A lens behind it, as for rear projection, is
+    invisible.
+    """
+    assert model.camera_from_dome is not None
+    lenses = np.array([p.projector_from_dome.origin for p in rig.projectors.values()])
+    towards = model.camera_from_dome.apply(lenses)
+    distance = np.linalg.norm(towards, axis=1)
+    towards = normalise(towards)
+    origin, line = camera_rays(model, towards)
+    screen = np.linalg.norm(rig.shape.intersect(origin, line) - origin, axis=1)
+    before = ~(distance > screen + HOUSING_RADIUS_M)  # true as well where the ray misses the screen
+    radius = np.arcsin(np.minimum(HOUSING_RADIUS_M / distance, 1.0))
+    radius += GLARE_PX / float(model.lens.focal.mean())
+    covered = np.zeros(rays.shape[:2], bool)
+    for ahead, angle in zip(towards[before], radius[before], strict=True):
+        covered |= rays @ ahead > np.cos(angle)
+    return covered

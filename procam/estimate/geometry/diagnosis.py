@@ -13,6 +13,7 @@ import numpy as np
 
 from procam.arrays import Array
 from procam.errors import CalibrationError
+from procam.estimate.boards.projector_corners import direct_linear_transform
 from procam.estimate.geometry.adjustment import SQUARE, RigProblem, square_rows
 from procam.estimate.geometry.model import (
     POSE,
@@ -92,10 +93,8 @@ def _flat(problem: RigProblem) -> list[str]:
 def _plane_error(ray: Array, pixels: Array) -> float:
     """Median distance [px] of pixels (N, 2) from the best homography of rays (N, 3)."""
     scale = np.abs(pixels).max()
-    xy, zero = pixels / scale, np.zeros_like(ray)
-    rows = np.r_[np.c_[ray, zero, -xy[:, :1] * ray], np.c_[zero, ray, -xy[:, 1:] * ray]]
-    matrix = np.linalg.eigh(rows.T @ rows)[1][:, 0].reshape(3, 3)
-    mapped = ray @ matrix.T
+    xy = pixels / scale
+    mapped = ray @ direct_linear_transform(ray, xy, np.ones(len(ray))).T
     error = mapped[:, :2] / mapped[:, 2:] - xy
     return float(np.median(np.linalg.norm(error, axis=1)) * scale)
 

@@ -27,7 +27,11 @@ FINE = 3  # samples per cell of random fields; interpolation between them keeps 
 
 
 def sample_directions(
-    solution: GeometrySolution, name: str, pixels: Array, count: int, rng: np.random.Generator
+    solution: GeometrySolution,
+    fitted: PixelDirections,
+    pixels: Array,
+    count: int,
+    rng: np.random.Generator,
 ) -> Array:
     """Draws (count, ..., 3) of a projector's unit directions from their uncertainty.
 
@@ -38,7 +42,7 @@ def sample_directions(
 
     Parameters
     ----------
-    solution, name : a solved rig, and one of its projectors.
+    solution, fitted : a solved rig, and the directions of one of its projectors.
     pixels : (..., 2) points of the panel [px]; no side longer than 32766.
     count : number of draws.
     rng : source of the draws. The same state gives the same rigs for another projector, so that
@@ -48,16 +52,6 @@ def sample_directions(
     -------
     (count, ..., 3); NaN where a pixel misses the screen.
     """
-    return _drawn(solution, fit_pixel_directions(solution, name), pixels, count, rng)
-
-
-def _drawn(
-    solution: GeometrySolution,
-    fitted: PixelDirections,
-    pixels: Array,
-    count: int,
-    rng: np.random.Generator,
-) -> Array:
     mean = fitted.at(pixels).reshape(-1, 3)
     sources = _sources(fitted, pixels, mean)
     centre = _weighted_mean(sources, solution.rig)
@@ -69,7 +63,7 @@ def _drawn(
     return drawn.reshape(count, *pixels.shape[:-1], 3)
 
 
-def direction_sigmas(solution: GeometrySolution, seed: int = 0) -> tuple[float, float]:
+def direction_sigmas(solution: GeometrySolution) -> tuple[float, float]:
     """Standard errors [arcmin] of the directions of all projectors, root mean squares over their panels.
 
     The first is of directions relative to each other: a rotation of the whole rig, which the survey of
@@ -77,10 +71,10 @@ def direction_sigmas(solution: GeometrySolution, seed: int = 0) -> tuple[float, 
     """
     drawn, means = list[Array](), list[Array]()
     for name, projector in solution.rig.projectors.items():
-        same = np.random.default_rng(seed)  # and so the same rigs for all
+        same = np.random.default_rng(0)  # and so the same rigs for all
         pixels = panel_grid(projector.size).reshape(-1, 2)
         fitted = fit_pixel_directions(solution, name)
-        drawn.append(_drawn(solution, fitted, pixels, SIGMA_DRAWS, same))
+        drawn.append(sample_directions(solution, fitted, pixels, SIGMA_DRAWS, same))
         means.append(fitted.at(pixels[None])[0])
     mean, draws = np.concatenate(means), np.concatenate(drawn, axis=1)
     known = np.isfinite(mean).all(axis=1) & np.isfinite(draws).all(axis=(0, 2))

@@ -1,6 +1,6 @@
 """Solves some projectors of a rig whose screen, cameras and other projectors are known, and stay."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 from dataclasses import replace
 
 import numpy as np
@@ -13,8 +13,6 @@ from procam.estimate.geometry.adjustment import (
     systematic_ratio,
 )
 from procam.estimate.geometry.model import (
-    Observations,
-    Pair,
     ParameterLayout,
     RigGeometry,
     residuals,
@@ -63,7 +61,10 @@ def solve_projectors(
     rig = replace(known, projectors={**known.projectors, **{name: solved[name] for name in names}})
     seen = agreeing(rig, problem.observations, GROSS_SIGMAS)
     errors = {pair: residuals(rig, pair, some) for pair, some in seen.items()}
-    ratios = {pair: scales.get(pair) or _ratio(rig, errors[pair], pair, seen) for pair in seen}
+    ratios = {
+        pair: scales.get(pair) or systematic_ratio(errors[pair], some, rig.projectors[pair[1]].size)
+        for pair, some in seen.items()
+    }
     freedoms = np.zeros((0, len(prior)))
     on_sphere = float(np.sqrt(np.mean(np.square(list(ratios.values())))))
     return GeometrySolution(rig, covariance, seen, errors, ratios, freedoms, on_sphere, main)
@@ -76,7 +77,3 @@ def _held(problem: RigProblem, rig: RigGeometry, names: Collection[str]) -> Arra
     for name in names:
         held[layout.projectors[name]] = prior[layout.projectors[name]]
     return held
-
-
-def _ratio(rig: RigGeometry, error: Array, pair: Pair, seen: Mapping[Pair, Observations]) -> float:
-    return systematic_ratio(error, seen[pair], rig.projectors[pair[1]].size)

@@ -20,9 +20,14 @@ from procam.kernels import (
     bundle_residuals,
 )
 from procam.kernels.bundle.reference import bundle_rows, rays_sent
-from procam.maths.geometry.lens_derivatives import lens_parameters
-from procam.maths.geometry.lenses import Lens, project, unproject
-from procam.maths.geometry.pose import Pose, rotation_matrix
+from procam.maths.geometry.lenses import (
+    Lens,
+    lens_of_parameters,
+    lens_parameters,
+    project,
+    unproject,
+)
+from procam.maths.geometry.pose import Pose
 from procam.maths.geometry.ray_to_screen import RoundShape
 from procam.model.optics import CameraModel, ProjectorModel
 
@@ -112,24 +117,13 @@ def lens_count(lens: Lens) -> int:
     return 4 + lens.distortion.size
 
 
-def moved_pose(pose: Pose, x: Array) -> Pose:
-    """`pose` rotated about the device by the vector x[:3] [rad] and shifted by x[3:6] [m]."""
-    turn = rotation_matrix(x[:3])
-    return Pose(turn @ pose.rotation, turn @ pose.translation + x[3:6])
-
-
-def moved_lens(lens: Lens, x: Array) -> Lens:
-    """A lens after a step (L,) of focal lengths, centre [px] and distortion [-]."""
-    return Lens(lens.kind, lens.focal + x[:2], lens.centre + x[2:4], lens.distortion + x[4:])
-
-
 def moved_camera(camera: CameraModel, x: Array) -> CameraModel:
     """A camera with a pose after a step of its parameters."""
     assert camera.camera_from_dome is not None
     return replace(
         camera,
-        camera_from_dome=moved_pose(camera.camera_from_dome, x[:POSE]),
-        lens=moved_lens(camera.lens, x[POSE:-PUPIL]),
+        camera_from_dome=camera.camera_from_dome.moved(x),
+        lens=lens_of_parameters(camera.lens, lens_parameters(camera.lens) + x[POSE:-PUPIL]),
         pupil=camera.pupil + x[-PUPIL:],
     )
 
@@ -138,8 +132,8 @@ def moved_projector(projector: ProjectorModel, x: Array) -> ProjectorModel:
     """A projector after a step of its parameters."""
     return replace(
         projector,
-        projector_from_dome=moved_pose(projector.projector_from_dome, x[:POSE]),
-        lens=moved_lens(projector.lens, x[POSE:]),
+        projector_from_dome=projector.projector_from_dome.moved(x),
+        lens=lens_of_parameters(projector.lens, lens_parameters(projector.lens) + x[POSE:]),
     )
 
 
@@ -194,21 +188,11 @@ def residuals(
     return bundle_residuals(_kernel_pair(rig, pair), ray, seen.projector_px, shape_derivatives)
 
 
-def residual_slopes(
-    rig: RigGeometry,
-    pair: Pair,
-    seen: Observations,
-    ray: Array | None = None,
-    shape_derivatives: ShapeDerivatives | None = None,
-) -> tuple[Array, Array]:
-    """Residuals (N, 2) and their derivatives (N, 2, K) by the parameters `layout.columns(pair)`.
-
-    With `ray` given, the camera's lens and pupil are fixed and their derivatives are 0.
-    """
-    lens_free = ray is None
-    ray, shape_derivatives = _with_defaults(rig, pair, seen, ray, shape_derivatives)
+def residual_slopes(rig: RigGeometry, pair: Pair, seen: Observations) -> tuple[Array, Array]:
+    """Residuals (N, 2) and their derivatives (N, 2, K) by the parameters `layout.columns(pair)`."""
+    ray, shape_derivatives = _with_defaults(rig, pair, seen, None, None)
     return bundle_rows(
-        _kernel_pair(rig, pair), ray, seen.projector_px, shape_derivatives, lens_free
+        _kernel_pair(rig, pair), ray, seen.projector_px, shape_derivatives, lens_free=True
     )
 
 
@@ -218,7 +202,7 @@ def normal_equations(
     weight: Mapping[Pair, Array],
     free: BoolArray,
     rays: Mapping[Pair, Array],
-    shape_derivatives: Mapping[Pair, ShapeDerivatives | None] | None = None,
+    shape_derivatives: Mapping[Pair, ShapeDerivatives | None],
 ) -> tuple[Array, Array]:
     """Normal matrix (P, P) and gradient (P,) of the weighted squares of all residuals.
 
@@ -232,10 +216,9 @@ def normal_equations(
     """
     layout = ParameterLayout.of(rig)
     matrix, gradient = np.zeros((layout.count, layout.count)), np.zeros(layout.count)
-    derivatives = shape_derivatives or {}
     for pair, some in seen.items():
         lens_free = pair not in rays
-        ray, known = _with_defaults(rig, pair, some, rays.get(pair), derivatives.get(pair))
+        ray, known = _with_defaults(rig, pair, some, rays.get(pair), shape_derivatives.get(pair))
         found = bundle_equations(
             _kernel_pair(rig, pair), ray, some.projector_px, weight[pair], known, lens_free
         )

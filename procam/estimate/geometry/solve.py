@@ -20,7 +20,6 @@ from procam.estimate.geometry.adjustment import (
     RigProblem,
     normalised_residuals,
     prior_sigmas,
-    robust_sigma,
     square_rows,
     systematic_ratio,
 )
@@ -41,6 +40,7 @@ from procam.estimate.geometry.start import (
     resect_projectors,
 )
 from procam.maths.geometry.ray_to_screen import shape_coefficient_count
+from procam.maths.statistics import robust_sigma_2d
 from procam.model.optics import CameraModel, Distance, Fiducial, ProjectorModel
 
 FEW = 1500  # observations of each pair in the first fits
@@ -231,17 +231,14 @@ def _check_roughly(problem: RigProblem, few: Mapping[Pair, Observations], rig: R
         cameras = {n: replace(c, lens=lenses.get(n, c.lens)) for n, c in rig.cameras.items()}
         given = replace(rig, cameras=cameras)
         modes: tuple[Intrinsics, ...] = ("fixed", "solve") if lenses else ()
-        others = (_relensed(problem, dict.fromkeys(lenses, mode)) for mode in modes)
-        unmarked = (replace(other, fiducials=(), distances=()) for other in others)
-        if any(_fits_marks(other, few, given, marks) for other in unmarked):
-            return
+        unmarked = replace(problem, fiducials=(), distances=())
+        for mode in modes:
+            intrinsics = {**problem.intrinsics, **dict.fromkeys(lenses, mode)}
+            if _fits_marks(replace(unmarked, intrinsics=intrinsics), few, given, marks):
+                return
         turned, worst = rotated_to_fiducials(given, problem.fiducials), BENT * _mean_ratio(rig, few)
         if not (lenses and _fits_marks(problem, few, turned, marks, worst)):
             raise
-
-
-def _relensed(problem: RigProblem, modes: Mapping[str, Intrinsics]) -> RigProblem:
-    return replace(problem, intrinsics={**problem.intrinsics, **modes})
 
 
 def _fits_marks(
@@ -349,5 +346,5 @@ def agreeing(
     kept = {}
     for pair, some in seen.items():
         error = normalised_residuals(residuals(rig, pair, some), some)
-        kept[pair] = some.some(error < sigmas * max(robust_sigma(error), 1.0))
+        kept[pair] = some.some(error < sigmas * max(robust_sigma_2d(error), 1.0))
     return kept

@@ -9,11 +9,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import rq
 from scipy.optimize import least_squares
 
 from procam.arrays import Array
 from procam.errors import CalibrationError, NotEnoughData
+from procam.estimate.boards.projector_corners import resect_pinhole
 from procam.estimate.geometry.model import Observations, Pair, RigGeometry, points_seen, residuals
 from procam.maths.geometry.lenses import Lens, LensKind, project, unproject
 from procam.maths.geometry.pose import Pose, align_rotation
@@ -200,32 +200,14 @@ def _misfit(rig: RigGeometry, seen: Mapping[Pair, Observations]) -> float:
 
 
 def _resection(prior: ProjectorPrior, points: Array, pixels: Array) -> ProjectorModel:
-    """A pinhole projector by the direct linear transform (Hartley & Zisserman, s. 7.1)."""
-    size = float(np.linalg.norm(points, axis=1).mean())
-    scaled = np.c_[points / size, np.ones(len(points))]
-    xy = pixels / max(prior.size)
-    zero = np.zeros_like(scaled)
-    rows = np.r_[np.c_[scaled, zero, -xy[:, :1] * scaled], np.c_[zero, scaled, -xy[:, 1:] * scaled]]
-    matrix = np.linalg.eigh(rows.T @ rows)[1][:, 0].reshape(3, 4)
-    if np.median(scaled @ matrix[2]) < 0:
-        matrix = -matrix
-    triangle, rotation = rq(matrix[:, :3])
-    sign = np.diag(np.where(np.diag(triangle) < 0, -1.0, 1.0))
-    triangle, rotation = triangle @ sign, sign @ rotation
-    translation = np.linalg.solve(triangle, matrix[:, 3]) * size
-    if np.linalg.det(rotation) < 0:
+    """A pinhole projector by the direct linear transform."""
+    found = resect_pinhole(points, pixels, prior.size)
+    if found is None:
         raise CalibrationError(
             f"projector {prior.name}: its picture arrives mirrored. Switch off rear projection or flip "
             "in its menu; if it is not mirrored, correct f and distortion of the camera in venue.toml."
         )
-    triangle = triangle / triangle[2, 2] * max(prior.size)
-    lens = Lens(
-        "brown",
-        np.array([triangle[0, 0], triangle[1, 1]]),
-        np.array([triangle[0, 2], triangle[1, 2]]),
-        np.zeros(5),
-    )
-    return ProjectorModel(prior.name, prior.size, lens, Pose(rotation, translation))
+    return ProjectorModel(prior.name, prior.size, *found)
 
 
 def _fisheye_resection(prior: ProjectorPrior, points: Array, pixels: Array) -> ProjectorModel:

@@ -12,13 +12,11 @@ import numpy as np
 
 from procam.arrays import Array, Image
 from procam.errors import CalibrationError, NotEnoughData
-from procam.estimate.boards.targets import find_tags
 from procam.estimate.geometry.adjustment import (
     Adjustment,
     Intrinsics,
     RigProblem,
     prior_sigmas,
-    robust_sigma,
 )
 from procam.estimate.geometry.apriltags import detect_tags, tag_fiducials, to_8_bit
 from procam.estimate.geometry.fiducials import fiducial_point
@@ -27,9 +25,11 @@ from procam.estimate.geometry.solve import GeometrySolution, by_most_seen
 from procam.estimate.geometry.start import resect_by_rays
 from procam.estimate.media_server.dome_master import DomeMaster
 from procam.estimate.media_server.tags import FAMILY, TAG_PICTURES, MasterTag, master_tags
+from procam.maths.codes.april_tags import find_tags
 from procam.maths.geometry.lenses import project, unproject
 from procam.maths.geometry.ray_to_screen import RoundShape
 from procam.maths.geometry.sphere import ARCMIN, angle_between, direction_from_angles, normalise
+from procam.maths.statistics import robust_sigma_2d
 from procam.model.optics import CameraModel, Fiducial
 
 MIN_TAGS = 6  # three determine a pose, but do not reveal errors of the server
@@ -109,7 +109,7 @@ def place_camera(
     placed = _started(camera, shape, known, np.array([t.pixel for t in tags]))
     for _ in range(ROUNDS):
         error = _errors(placed, shape, tags, known)
-        good = error < OUTLIER_SIGMAS * max(robust_sigma(error), ALIGNED_ARCMIN)
+        good = error < OUTLIER_SIGMAS * max(robust_sigma_2d(error), ALIGNED_ARCMIN)
         agree = good.sum() >= max(MIN_TAGS, (1 - MOST_DROPPED) * len(tags))
         if not agree or np.median(error) > HOPELESS_ARCMIN:
             raise CalibrationError(_misfit(camera, shape, tags, known, error))

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from procam.arrays import Array, Array32
-from procam.estimate.boards.targets import tag_cells
 from procam.estimate.structured_light.codes import NOMINAL_GAMMA, Picture
+from procam.maths.codes.april_tags import tag_cells
 from procam.maths.codes.shot_id import CELLS_PER_MASTER, shot_id_blocks
 from procam.maths.geometry.lenses import project, unproject
 from procam.maths.geometry.pose import rotation_matrix

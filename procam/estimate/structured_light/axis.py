@@ -6,7 +6,6 @@ import numpy as np
 
 from procam.arrays import AnyArray, Map
 from procam.errors import NotEnoughData
-from procam.estimate.structured_light.cell_edges import edges_refusal
 from procam.estimate.structured_light.cells import CellImages
 from procam.estimate.structured_light.codes import Axis, AxisCode, Plane
 from procam.estimate.structured_light.limits import (
@@ -17,9 +16,9 @@ from procam.estimate.structured_light.limits import (
     beyond_panel,
     dropped_samples,
 )
-from procam.estimate.structured_light.phase_checks import phases_note
 from procam.estimate.structured_light.scatter_bias import remove_scatter_bias
 from procam.estimate.structured_light.self_calibration import UNKNOWNS, SinusoidImages
+from procam.estimate.structured_light.shift_checks import edges_refusal, phases_note
 from procam.estimate.structured_light.sinusoids import (
     MIN_SAMPLES,
     SinusoidResult,

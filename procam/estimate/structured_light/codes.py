@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from procam.arrays import Array
 from procam.errors import InputError
 from procam.maths.codes.gray import encode_gray
-from procam.maths.codes.phase import Waves, equal_steps, heterodyne_waves, micro_waves, sine_line
+from procam.maths.codes.phase import Waves, heterodyne_waves, micro_waves, sine_line
 
 Picture = NDArray[np.uint8]
 Axis = Literal["x", "y"]
@@ -167,12 +167,6 @@ def check_size(size: tuple[int, int]) -> None:
         )
 
 
-def wave_code(size: tuple[int, int], periods: tuple[float, float], steps: int = 8) -> Code:
-    """N equal steps of one period [px] per axis: positions are known within one period only."""
-    waves = [Waves(np.full(steps, float(p)), equal_steps(steps), steps) for p in periods]
-    return Code("wave", size, AxisCode(size[0], waves[0]), AxisCode(size[1], waves[1]))
-
-
 def generate(code: Code, gamma: float = NOMINAL_GAMMA) -> list[Picture]:
     """The patterns (H, W, 1) of a code, in the order of `code.planes`.
 
@@ -194,21 +188,9 @@ def picture(code: Code, plane: Plane, gamma: float = NOMINAL_GAMMA) -> Picture:
     return np.ascontiguousarray(lines if plane.axis == "x" else lines.T)[..., None]
 
 
-def _micro(length: int, size: tuple[int, int]) -> AxisCode:
-    return AxisCode(length, micro_waves(size))
-
-
-def _gray(length: int, size: tuple[int, int]) -> AxisCode:
-    return AxisCode(length, codewords=encode_gray(np.arange(length)))
-
-
-def _heterodyne(length: int, size: tuple[int, int]) -> AxisCode:
-    return AxisCode(length, heterodyne_waves(size))
-
-
 DEFAULT_CODE = "micro-phase"
 CODES: dict[str, Callable[[int, tuple[int, int]], AxisCode]] = {
-    "micro-phase": _micro,
-    "gray": _gray,
-    "phase-heterodyne": _heterodyne,
+    "micro-phase": lambda length, size: AxisCode(length, micro_waves(size)),
+    "gray": lambda length, _: AxisCode(length, codewords=encode_gray(np.arange(length))),
+    "phase-heterodyne": lambda length, size: AxisCode(length, heterodyne_waves(size)),
 }

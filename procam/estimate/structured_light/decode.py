@@ -6,7 +6,6 @@ joined, outliers dropped, and for sinusoids the bias that defocus causes at bord
 a pixel's area adds to the standard error comes last.
 """
 
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -14,11 +13,14 @@ import numpy as np
 from procam.arrays import AnyArray, Map
 from procam.errors import InputError, NotEnoughData, ShapeError
 from procam.estimate.structured_light.axis import AxisResult, SinusoidDecoder
-from procam.estimate.structured_light.codes import AXES, NAMES, Code, Plane
+from procam.estimate.structured_light.codes import AXES, NAMES, Code
 from procam.estimate.structured_light.defocus_bias import correct_defocus_bias
 from procam.estimate.structured_light.limits import DecodeLimits, default_limits, dropped_samples
-from procam.estimate.structured_light.outliers import drop_outliers
-from procam.estimate.structured_light.pixel_area import drop_beyond_panel, with_area_error
+from procam.estimate.structured_light.outliers import (
+    drop_beyond_panel,
+    drop_outliers,
+    with_area_error,
+)
 from procam.estimate.structured_light.sinusoids import SinusoidResult
 from procam.estimate.structured_light.stripes import StripeDecoder
 from procam.model.correspondence import CorrespondenceMap
@@ -33,18 +35,13 @@ class Decoded:
     Attributes
     ----------
     map : projector coordinates per camera pixel.
-    direct, scattered : (H, W) the direct and the scattered part of white - black [image unit].
     waves : the fits of the sinusoids, with blur, response and noise, per axis that has them.
-    lost : patterns whose photographs could not be used.
     notes : what was out of the ordinary, one line each.
     refused : why the map should not be used, one line each.
     """
 
     map: CorrespondenceMap
-    direct: Map
-    scattered: Map
     waves: dict[str, SinusoidResult] = field(default_factory=dict)
-    lost: tuple[Plane, ...] = ()
     notes: tuple[str, ...] = ()
     refused: tuple[str, ...] = ()
 
@@ -104,18 +101,14 @@ class Decoder:
         found = _joined(self.code, span, x, y, self._limits)
         if self._limits.neighbours:
             found = drop_beyond_panel(drop_outliers(found), span, self.code.size)
-        direct = np.where(found.valid, np.clip((x.direct + y.direct) / 2, 0, span), 0)
-        lost, named = x.lost + y.lost, list(zip(NAMES.values(), (x, y), strict=True))
+        named = list(zip(NAMES.values(), (x, y), strict=True))
         found = self._without_defocus_bias(found, x, y, span)
         return Decoded(
             with_area_error(found, span, self._limits.white_black),
-            direct.astype(np.float32),
-            span - direct,
             {n: r.waves for n, r in zip(AXES, (x, y), strict=True) if r.waves is not None},
-            lost,
             (
                 *self._notes,
-                *(f"nothing could be read from {plane}" for plane in lost),
+                *(f"nothing could be read from {plane}" for plane in x.lost + y.lost),
                 *(f"{name}: {axis.note}" for name, axis in named if axis.note),
             ),
             tuple(f"pictures: {name}: {axis.refused}" for name, axis in named if axis.refused),
@@ -146,16 +139,6 @@ class Decoder:
         period_px = np.array([waves.period_px for waves in both])
         seen = np.clip((x.direct + y.direct) / 2, 0, span).astype(np.float32)
         return correct_defocus_bias(found, seen, blur_px2, period_px, self.code.size)
-
-
-def decode(
-    code: Code, frames: Iterable[AnyArray], limits: DecodeLimits | None = None
-) -> CorrespondenceMap:
-    """Projector coordinates from the photographs of `generate(code)`, in its order."""
-    decoder = Decoder(code, limits)
-    for number, frame in enumerate(frames):
-        decoder.add(number, frame)
-    return decoder.result().map
 
 
 def _joined(

@@ -3,7 +3,7 @@
 The total flux of each pattern changes with its shift, and so does the scattered light. A camera pixel
 therefore sees the sum of two waves, that of the direct and that of the scattered light, and its phase is
 biased (docs/theory/scatter-bias.md). Pixels without direct light see the wave of the scattered light alone.
-There the flux of each pattern relative to white is measured (`flux_shares`); from it and the wave follows
+There the flux of each pattern relative to white is measured (`flux_share_maps`); from it and the wave follows
 the scattered light of each pixel (`scattered_light`), and `remove_phasor` takes the wave out.
 """
 
@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procam.arrays import AnyArray, Array, BoolArray, FloatArray, Map
-from procam.errors import NotEnoughData, ShapeError
+from procam.errors import NotEnoughData
 from procam.maths.polynomials import fit_surface
 from procam.maths.warp import block_mean, grow
 
 DIM = 0.1  # of the white - black of the median lit pixel: darker pixels are off the screen
 MIN_PIXELS = 1000
-BLOCK_PX = 8
+BLOCK_PX, DEGREE = 8, 2  # of the polynomial over blocks of camera pixels
 LIT_AMPLITUDE = (
     0.2  # of white - black: the wave of direct light is stronger, that of the flux weaker
 )
@@ -34,7 +34,7 @@ def remove_scatter_bias(
 ) -> Map:
     """Photographs (K, H, W) of equal `shifts` of one period, as if all had half of white's flux.
 
-    `amplitude` (H, W) of the wave shows which pixels have direct light. Errors as of `flux_shares`.
+    `amplitude` (H, W) of the wave shows which pixels have direct light. Errors as of `flux_share_maps`.
     """
     span = np.subtract(white, black, dtype=np.float32)
     near = grow(amplitude > LIT_AMPLITUDE * span, AWAY_PX)
@@ -43,8 +43,11 @@ def remove_scatter_bias(
     return remove_phasor(frames, shares, scattered)
 
 
-def flux_shares(frames: AnyArray, white: AnyArray, black: AnyArray, lit: BoolArray) -> Array:
-    """Flux (K,) of K patterns, 0 for black and 1 for white.
+def flux_share_maps(frames: AnyArray, white: AnyArray, black: AnyArray, lit: BoolArray) -> Map:
+    """Flux (K, H, W) of K patterns, 0 for black and 1 for white, by the pixels that see no direct light.
+
+    It varies smoothly over the photograph, for screens that are no sphere: a polynomial over the camera's
+    pixels, fitted where no light falls directly and extrapolated over the lit part.
 
     Parameters
     ----------
@@ -55,20 +58,7 @@ def flux_shares(frames: AnyArray, white: AnyArray, black: AnyArray, lit: BoolArr
     ------
     NotEnoughData : too little of the screen is without direct light.
     """
-    span, unlit = _unlit(frames, white, black, lit)
-    dark, total = black[unlit].astype(float), float(span[unlit].sum())
-    return np.array([(f[unlit] - dark).sum() / total for f in frames])
-
-
-def flux_share_maps(
-    frames: AnyArray, white: AnyArray, black: AnyArray, lit: BoolArray, *, degree: int = 2
-) -> Map:
-    """`flux_shares` (K, H, W) that vary smoothly over the photograph, for screens that are no sphere.
-
-    A polynomial over the camera's pixels, fitted where no light falls directly and extrapolated over
-    the lit part.
-    """
-    span, unlit = _unlit(frames, white, black, lit)
+    span, unlit = _unlit(white, black, lit)
     weight = block_mean(unlit.astype(np.float32), BLOCK_PX)
     rows, columns = np.nonzero(weight > HALF_FULL)
     total = block_mean(np.where(unlit, span, 0), BLOCK_PX)[rows, columns]
@@ -78,7 +68,7 @@ def flux_share_maps(
     ]
     ratios = np.stack([v[rows, columns] / total for v in values], axis=1).astype(float)
     middle = np.stack([columns, rows], axis=1).astype(float) * BLOCK_PX + (BLOCK_PX - 1) / 2
-    surface = fit_surface(middle, ratios, degree)
+    surface = fit_surface(middle, ratios, DEGREE)
     fitted = surface(middle)
     low, high = fitted.min(axis=0), fitted.max(axis=0)
     slack = high - low  # limits the extrapolation
@@ -94,7 +84,7 @@ def scattered_light(
 ) -> Map:
     """The scattered part (H, W) of white - black, from equal `shifts` (K,) [rad] of ONE period.
 
-    `shares` as of `flux_shares` or `flux_share_maps`. With white - black = D + G, the photographs' wave
+    `shares` (K,) or (K, H, W) of white's flux. With white - black = D + G, the photographs' wave
     is d D e^(i phase) + f G, where d and f are known: a quadratic equation for D.
     """
     span = np.subtract(white, black, dtype=float)
@@ -114,19 +104,13 @@ def remove_phasor(frames: AnyArray, shares: FloatArray, scattered: Map) -> Map:
 
     `shares` (K,) or (K, H, W); `scattered` (H, W) is the scattered part of white - black.
     """
-    if len(shares) != len(frames):
-        raise ShapeError("flux shares", shares.shape, f"{len(frames)} first, like the photographs")
     surplus = np.asarray(shares, np.float32) - np.float32(0.5)
     surplus = surplus.reshape(len(frames), *(surplus.shape[1:] or (1, 1)))
     return np.asarray(frames - surplus * scattered, np.float32)
 
 
-def _unlit(
-    frames: AnyArray, white: AnyArray, black: AnyArray, lit: BoolArray
-) -> tuple[Map, BoolArray]:
+def _unlit(white: AnyArray, black: AnyArray, lit: BoolArray) -> tuple[Map, BoolArray]:
     """White - black (H, W), and the screen's pixels (H, W) without direct light."""
-    if frames.shape[1:] != lit.shape or white.shape != lit.shape or black.shape != lit.shape:
-        raise ShapeError("photographs", frames.shape[1:], f"{lit.shape} like lit, white, black")
     span = np.subtract(white, black, dtype=np.float32)
     level = float(np.median(span[lit])) if lit.any() else np.inf
     unlit = ~lit & (span > DIM * level)

@@ -167,7 +167,7 @@ def find_columns(
             frames, waves.periods, waves.shifts, modulation, harmonics, waves.base, length
         )
     samples = np.stack([np.ravel(f) for f in frames], axis=1).astype(float)
-    fit, margin = search_columns(samples, np.ones(samples.shape, bool), waves, distortion, length)
+    fit, margin = search_columns(samples, waves, distortion, length)
     parts = (fit.x, fit.variance, fit.amplitude, fit.offset, fit.residual, margin)
     return kernels.PhaseFit(*(p.reshape(frames[0].shape).astype(np.float32) for p in parts))
 

@@ -5,17 +5,10 @@ import json
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    ConfigDict,
-    Field,
-    StringConstraints,
-    ValidationError,
-)
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StringConstraints
 
 from procam.errors import FileFormatError
-from procam.files.session_tables import first_finding, parse_object
+from procam.files.session_tables import checked, parse_object
 
 SCHEMA = 1
 
@@ -76,9 +69,4 @@ def parse_manifest(path: Path, content: bytes) -> Manifest:
             f"{path} has schema {schema!r}, and this version of procam reads {SCHEMA}; open the bundle with "
             "the version that wrote it"
         )
-    try:
-        return Manifest.model_validate(document)
-    except ValidationError as error:
-        raise FileFormatError(
-            f"{path} is damaged ({first_finding(error)}); ask for the bundle again"
-        ) from error
+    return checked(Manifest, document, path, "ask for the bundle again")

@@ -25,7 +25,7 @@ def original_figures(venue_dir: Path, session: str) -> str | None:
     Of several it is the first with the newest input: later ones with the same input were refined. Of all
     text in it only versions, the hash of the input and names of figures get in.
     """
-    found = [d for d in _documents(venue_dir) if _source(d, "session") == session]
+    found = [d for d in _documents(venue_dir) if d["provenance"].get("session") == session]
     if not found:
         return None
     newest = _input(found[-1])
@@ -35,21 +35,22 @@ def original_figures(venue_dir: Path, session: str) -> str | None:
 
 def _input(document: dict[str, Any]) -> str | None:
     """The hash of what a calibration was solved from, if it is one."""
-    return _text(SHA256, _source(document, "input_sha256"))
+    return _text(SHA256, document["provenance"].get("input_sha256"))
 
 
 def _shared(document: dict[str, Any]) -> dict[str, Any]:
-    quality = _table(document, "quality")
+    quality = document["quality"]
     kept = {
         "schema_version": _numbers(document.get("schema_version")),
         "feedback": _parts(document.get("feedback"), ("value", "sigma")),
         "albedo": _parts(document.get("albedo"), ("value", "sigma")),
         "quality": {n: _parts(figure, PARTS) for n, figure in quality.items() if NAME.fullmatch(n)},
     }
-    versions = _table(_table(document, "provenance"), "versions")
+    found = document["provenance"].get("versions")
+    versions = found if isinstance(found, dict) else {}
     source = {
         "input_sha256": _input(document),
-        "python": _text(VERSION, _source(document, "python")),
+        "python": _text(VERSION, document["provenance"].get("python")),
         "versions": {name: _text(VERSION, versions.get(name)) for name in PACKAGES},
     }
     return {**kept, "provenance": source}
@@ -84,20 +85,11 @@ def _documents(venue_dir: Path) -> Iterator[dict[str, Any]]:
     for directory in list_calibrations(venue_dir):
         path = directory / "calibration.json"
         document = parse_object(path, path.read_bytes())
-        quality = document.get("quality", {})
+        quality, provenance = (document.setdefault(n, {}) for n in ("quality", "provenance"))
         figures = quality.values() if isinstance(quality, dict) else ()
-        parts = document.get("provenance", {}), quality, *figures
+        parts = provenance, quality, *figures
         if not all(isinstance(part, dict) for part in parts):
             raise FileFormatError(
                 f"{path} is damaged (provenance or quality is no object); restore it"
             )
         yield document
-
-
-def _source(document: dict[str, Any], key: str) -> Any:
-    return _table(document, "provenance").get(key)
-
-
-def _table(document: dict[str, Any], key: str) -> dict[str, Any]:
-    found = document.get(key)
-    return found if isinstance(found, dict) else {}

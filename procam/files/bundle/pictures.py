@@ -1,5 +1,6 @@
 """Pictures as the bytes of a file in a bundle: written anew, so that only their pixels get in."""
 
+from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -21,35 +22,31 @@ def frame_bytes(counts: NDArray[np.uint16]) -> bytes:
     spec = oiio.ImageSpec(width, height, channels, "uint16")
     spec.attribute("compression", "zip")
     spec.attribute("DateTime", WHEN)
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "frame.tif"
-        write_spec(path, data, spec)
-        return path.read_bytes()
+    return _file_bytes("frame.tif", lambda path: write_spec(path, data, spec))
 
 
 def picture_bytes(source: Path) -> bytes:
     """A PNG of another picture's pixels."""
-    return _png(read_image(source))
+    return _file_bytes("picture.png", lambda path: write_image(path, read_image(source)))
 
 
 def mask_bytes(source: Path) -> bytes:
     """A PNG that is white where a mask covers; the picture it was drawn over does not get in."""
     header = read_header(source)
-    return _png(read_mask(source, (header.width, header.height)).astype(np.uint8) * np.uint8(255))
+    white = read_mask(source, (header.width, header.height)).astype(np.uint8) * np.uint8(255)
+    return _file_bytes("mask.png", lambda path: write_image(path, white))
 
 
 def response_bytes(source: Path) -> bytes:
     """A table of a camera's response, with all digits."""
     response = load_response(source.name, source.parent)
     assert response is not None
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "response.csv"
-        write_response(path, *response)
-        return path.read_bytes()
+    return _file_bytes("response.csv", lambda path: write_response(path, *response))
 
 
-def _png(pixels: NDArray[np.generic]) -> bytes:
+def _file_bytes(name: str, write: Callable[[Path], None]) -> bytes:
+    """The bytes of the file that `write` makes."""
     with TemporaryDirectory() as folder:
-        path = Path(folder) / "picture.png"
-        write_image(path, pixels)
+        path = Path(folder) / name
+        write(path)
         return path.read_bytes()

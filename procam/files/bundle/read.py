@@ -2,7 +2,7 @@
 
 Entries have a name of a closed list, are stored unpacked, do not overlap and are exactly those of the
 manifest; so what is written is never more than the file has. Of venue.toml and the plan only what
-`write_bundle` writes gets out: commands, ports and tables of backends do not, whoever put them in.
+`writing_bundle` writes gets out: commands, ports and tables of backends do not, whoever put them in.
 """
 
 import hashlib
@@ -13,6 +13,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import tomlkit
+
 from procam.errors import FileFormatError, InputError
 from procam.files.atomic import replacing_directory
 from procam.files.bundle import names
@@ -20,7 +22,6 @@ from procam.files.bundle.manifest import FileEntry, Manifest, entry_of, parse_ma
 from procam.files.bundle.redact import redact, shared_plan
 from procam.files.session import Session
 from procam.files.session_tables import plan_text
-from procam.files.toml import toml_text
 from procam.files.venue.load import load_venue
 
 MOST_MANIFEST = 2**24  # bytes
@@ -161,7 +162,7 @@ def _unpack(
 def _redacted(file: Path, folder: Path, manifest: Manifest) -> Manifest:
     """Write venue.toml and the plan anew, with what may be shared; returns the manifest of that.
 
-    Masks and responses must have the names that `write_bundle` gives; a plan that is none is refused.
+    Masks and responses must have the names that `writing_bundle` gives; a plan that is none is refused.
     """
     try:
         venue, session = load_venue(folder), Session(folder / names.SESSION)
@@ -171,7 +172,7 @@ def _redacted(file: Path, folder: Path, manifest: Manifest) -> Manifest:
     place = folder.resolve()
     if any(path != place / name for name, path in redacted.files.items()):
         raise _refusal(file, names.VENUE, "names files that no bundle of procam names")
-    texts = {names.VENUE: toml_text(redacted.tables), names.PLAN: plan_text(plan)}
+    texts = {names.VENUE: tomlkit.dumps(redacted.tables), names.PLAN: plan_text(plan)}
     for name, text in texts.items():
         (folder / name).write_bytes(text.encode())
     left_out = [f"{key} (when it was opened)" for key in redacted.removed]

@@ -4,9 +4,12 @@ import json
 import stat
 import zipfile
 from collections.abc import Collection, Generator, Iterator
+from importlib import resources
 from importlib.metadata import version
 from pathlib import Path
 from typing import NamedTuple
+
+import tomlkit
 
 from procam.errors import FileFormatError, InputError
 from procam.files.atomic import replacing
@@ -14,13 +17,10 @@ from procam.files.bundle import names
 from procam.files.bundle.manifest import FileEntry, Manifest, entry_of
 from procam.files.bundle.original import original_figures
 from procam.files.bundle.pictures import frame_bytes, mask_bytes, picture_bytes, response_bytes
-from procam.files.bundle.readme import README_TEXT
 from procam.files.bundle.redact import ALWAYS, Redacted, redact, shared_plan
 from procam.files.session import Session, digest
 from procam.files.session_tables import StoredFrame, plan_text
-from procam.files.toml import toml_text
 from procam.files.venue.load import Venue
-from procam.generators import result_of
 from procam.model.plan import Plan, Shot
 
 FIRST = (1980, 1, 1, 0, 0, 0)  # zip's earliest time
@@ -37,15 +37,12 @@ class _Taken(NamedTuple):
     started_s: float
 
 
-class Written(NamedTuple):
-    """Progress: photographs written, and their number."""
-
-    done: int
-    total: int
-
-
-def write_bundle(venue: Venue, session: Session, out: Path) -> Manifest:
+def writing_bundle(
+    venue: Venue, session: Session, out: Path
+) -> Generator[tuple[int, int], None, Manifest]:
     """Write `out`, a zip file that appears when it is complete; returns its manifest.
+
+    Yields how many photographs are written, and of how many: a large one takes seconds.
 
     Raises
     ------
@@ -54,11 +51,6 @@ def write_bundle(venue: Venue, session: Session, out: Path) -> Manifest:
     FileFormatError
         A file is missing or damaged.
     """
-    return result_of(writing_bundle(venue, session, out))
-
-
-def writing_bundle(venue: Venue, session: Session, out: Path) -> Generator[Written, None, Manifest]:
-    """The same, with its progress: a large photograph takes seconds."""
     redacted, plan = redact(venue, session), shared_plan(session.read_plan())
     taken = _taken(venue, session, plan)
     total = sum(map(len, taken.values()))
@@ -74,7 +66,7 @@ def writing_bundle(venue: Venue, session: Session, out: Path) -> Generator[Writt
             files[name] = entry_of(content)
             archive.writestr(_header(name), content)
             done += name.endswith(".tif")
-            yield Written(done, total)
+            yield done, total
         manifest = Manifest(
             procam=version("procam"),
             frames=total,
@@ -110,8 +102,8 @@ def _files(
     taken: dict[str, list[_Taken]],
 ) -> Iterator[File]:
     """Names and contents, one after the other: a session may be larger than the memory."""
-    yield names.README, README_TEXT.encode()
-    yield names.VENUE, toml_text(redacted.tables).encode()
+    yield names.README, resources.files(__package__).joinpath("readme.txt").read_bytes()
+    yield names.VENUE, tomlkit.dumps(redacted.tables).encode()
     for name, path in redacted.files.items():
         yield name, mask_bytes(path) if path.suffix != ".csv" else response_bytes(path)
     yield names.PLAN, plan_text(plan).encode()

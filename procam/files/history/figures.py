@@ -9,19 +9,10 @@ from typing import Any
 import numpy as np
 
 from procam.files.history.store import storable
-from procam.model.quality import Figure
 
 CHANNELS = "RGB"
 # name, value, sigma, unit, op, goal, passed
 Row = tuple[str, float | None, float | None, str, str | None, float | None, int | None]
-
-
-def figure_rows(name: str, figure: Figure) -> Iterator[Row]:
-    """Rows of a figure: one of a number or a verdict, of a list one for each number.
-
-    Lists of three are of red, green and blue: "albedo.R"; others are numbered: "residual.0".
-    """
-    return _rows(name, figure.as_dict())
 
 
 def calibration_figures(path: Path) -> tuple[str, list[Row]]:
@@ -39,17 +30,21 @@ def calibration_figures(path: Path) -> tuple[str, list[Row]]:
 
 def _of_document(document: dict[str, Any]) -> Iterator[Row]:
     for name in ("feedback", "albedo"):
-        yield from _rows(name, {**document[name], "unit": "-"})
+        yield from figure_rows(name, {**document[name], "unit": "-"})
     # white in the camera's own unit follows the lamps; in content's unit it is 1 by definition
     white = np.linalg.inv(np.array(document["content_from_camera"], float)).sum(axis=1)
-    yield from _rows("white_in_camera", {"value": white.tolist(), "unit": "1/s"})
+    yield from figure_rows("white_in_camera", {"value": white.tolist(), "unit": "1/s"})
     for name, state in document.get("states", {}).items():
-        yield from _rows(f"feedback.{name}", {**state["feedback"], "unit": "-"})
+        yield from figure_rows(f"feedback.{name}", {**state["feedback"], "unit": "-"})
     for name, entry in document["quality"].items():
-        yield from _rows(name, entry)
+        yield from figure_rows(name, entry)
 
 
-def _rows(name: str, entry: dict[str, Any]) -> Iterator[Row]:
+def figure_rows(name: str, entry: dict[str, Any]) -> Iterator[Row]:
+    """Rows of a figure as JSON has it: one of a number or a verdict, of a list one for each number.
+
+    Lists of three are of red, green and blue: "albedo.R"; others are numbered: "residual.0".
+    """
     value, sigma, goal = entry["value"], entry.get("sigma"), entry.get("goal") or {}
     passed = entry.get("pass")
     name, op = storable(name), goal.get("op")

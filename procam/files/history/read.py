@@ -1,18 +1,18 @@
-"""Reads a venue's history: runs, calibrations, figures, and whether files are as they were written."""
+"""Reads a venue's history: runs, figures and their changes, and whether files are as they were written."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass, fields
 from itertools import pairwise
 from pathlib import Path
 
 from procam.errors import InputError
 from procam.files.csv_text import csv_text
+from procam.files.history.figures import calibration_figures
 from procam.files.history.store import file_digest, readable
+from procam.files.versions import list_calibrations
 
-COLUMNS = (
-    *("run", "started_at", "command", "outcome", "calibration", "name", "value", "sigma", "unit"),
-    *("op", "goal", "passed"),
-)
+MARKED_SIGMAS = 3.0  # a difference that is marked
+Stated = tuple[float | None, float | None]  # value and standard error
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,8 +86,8 @@ def list_figures(venue_dir: Path, calibration: str | None = None) -> list[Figure
 
 def figures_csv(venue_dir: Path) -> str:
     """All figures as CSV, a line for each."""
-    figures = list_figures(venue_dir)
-    return csv_text([COLUMNS, *([getattr(f, column) for column in COLUMNS] for f in figures)])
+    columns = [field.name for field in fields(FigureEntry)]
+    return csv_text([columns, *map(astuple, list_figures(venue_dir))])
 
 
 def clock_went_back(runs: list[RunEntry]) -> list[int]:
@@ -126,3 +126,54 @@ def verify_unchanged(venue_dir: Path, directory: Path) -> None:
             f"{venue_dir}: {', '.join(changed)} changed since procam wrote it; restore the file, or go "
             f"back to another calibration with `procam venue use {venue_dir}@N`"
         )
+
+
+@dataclass(frozen=True, slots=True)
+class FigureDifference:
+    """A figure of calibrations a and b: values, b less a, that in standard errors; None where unknown."""
+
+    name: str
+    a: float | None
+    b: float | None
+    difference: float | None
+    sigmas: float | None
+
+    @property
+    def is_marked(self) -> bool:
+        """Whether the difference is more than noise explains."""
+        return self.sigmas is not None and abs(self.sigmas) > MARKED_SIGMAS
+
+
+def _stated_figures(venue_dir: Path, calibration: str) -> dict[str, Stated]:
+    """Figures of a calibration by name: as the history has them, or its document until a run records it."""
+    recorded = list_figures(venue_dir, calibration)
+    if recorded:
+        return {entry.name: (entry.value, entry.sigma) for entry in recorded}
+    _, rows = calibration_figures(venue_dir / "calibrations" / calibration / "calibration.json")
+    return {name: (value, sigma) for name, value, sigma, *_ in rows}
+
+
+def figure_differences(venue_dir: Path, a: str, b: str) -> list[FigureDifference]:
+    """Figures that two calibrations, a the earlier, have in common."""
+    before, after = (_stated_figures(venue_dir, name) for name in (a, b))
+    return [_difference(name, before[name], after[name]) for name in before if name in after]
+
+
+def calibration_before(venue_dir: Path, name: str) -> str | None:
+    """The newest earlier calibration of another capture session; None if there is none.
+
+    One of the same session has the same measurements, and would show no change of the venue.
+    """
+    sessions = {
+        path.name: calibration_figures(path / "calibration.json")[0]
+        for path in list_calibrations(venue_dir)
+    }
+    earlier = [n for n in sessions if n < name and sessions[n] != sessions[name]]
+    return earlier[-1] if earlier else None
+
+
+def _difference(name: str, a: Stated, b: Stated) -> FigureDifference:
+    off = None if a[0] is None or b[0] is None else b[0] - a[0]
+    both = None if a[1] is None or b[1] is None else (a[1] ** 2 + b[1] ** 2) ** 0.5
+    sigmas = off / both if off is not None and both else None
+    return FigureDifference(name, a[0], b[0], off, sigmas)

@@ -17,14 +17,8 @@ from procam.files.toml import read_toml
 from procam.files.versions import list_calibrations, name_in_use
 from procam.model.quality import Figure
 
-RUNNING, DONE, STOPPED, KILLED, REFUSED, FAILED = (
-    "running",
-    "done",
-    "stopped",
-    "killed",
-    "refused",
-    "failed",
-)
+RUNNING, DONE, STOPPED = "running", "done", "stopped"
+KILLED, REFUSED, FAILED = "killed", "refused", "failed"
 MOST_PIXELS = 2**31  # along an edge; SQLite refuses larger numbers than 2**63
 _open: dict[Path, "Run"] = {}  # of this process, by venue
 
@@ -47,7 +41,7 @@ class Run:
     def measured(self, figures: Mapping[str, Figure]) -> None:
         """Add figures by name."""
         for name, figure in figures.items():
-            self._figures += figure_rows(name, figure)
+            self._figures += figure_rows(name, figure.as_dict())
 
 
 @contextmanager

@@ -11,7 +11,7 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.arrays import AnyArray, Array, Array32
+from procam.arrays import AnyArray, Array
 from procam.errors import FileFormatError
 from procam.files.atomic import write_text
 from procam.files.images.pixels import read_header, read_image
@@ -80,7 +80,7 @@ def list_photos(folder: Path) -> tuple[list[Path], list[str]]:
     """Photographs of a folder, img_2 before img_10, and the names of its other files."""
     if not folder.is_dir():
         raise FileFormatError(f"{folder}: no such folder; photographs are needed in it")
-    files = sorted((p for p in folder.iterdir() if p.is_file()), key=_in_order)
+    files = sorted((p for p in folder.iterdir() if p.is_file()), key=in_order)
     photos = [p for p in files if p.suffix.lower() in SUFFIXES]
     if not photos:
         raise FileFormatError(
@@ -200,20 +200,6 @@ def write_response(path: Path, levels: Array, light: Array) -> None:
     write_text(path, "\n".join([",".join(title), *lines, ""]))
 
 
-def photo_light(photo: Photo, response: Response | None) -> Array32:
-    """Linear light (H, W, C), 1 where the camera saturates; NaN there. 8 bits need a response."""
-    if response is None and photo.pixels.dtype == np.uint8:
-        raise FileFormatError(
-            f"{photo.path} has 8 bits, which hold encoded light; give its response with --camera-response, "
-            "or develop the raw files to linear 16-bit TIFF"
-        )
-    top = int(np.iinfo(photo.pixels.dtype).max)
-    line = np.array([0.0, 1.0])
-    light = _through(photo.pixels, response or (line, line)).astype(np.float32)
-    light[(photo.pixels == top).any(axis=2)] = np.nan
-    return light
-
-
 def _linearised(pixels: AnyArray, response: Response, sensor: Sensor) -> NDArray[np.uint16]:
     light = _through(pixels, response)
     return np.rint(sensor.black_level + light * sensor.full_scale).astype(np.uint16)
@@ -257,6 +243,6 @@ def _taken(header: Any) -> float | None:
     return moment.timestamp() + (float(f"0.{part}") if part.isdigit() else 0.0)
 
 
-def _in_order(path: Path) -> list[str | int]:
-    """Sort key that puts img_2 before img_10: text and numbers alternate."""
+def in_order(path: Path) -> list[str | int]:
+    """Sort key of pictures that puts img_2 before img_10: text and numbers alternate."""
     return [int(part) if i % 2 else part for i, part in enumerate(re.split(r"(\d+)", path.name))]

@@ -20,15 +20,8 @@ from procam.maths.light.transfer import Transfer, transfer
 Curve = Callable[[FloatArray], FloatArray]
 SAME = 5e-3  # of white: profiles of sRGB differ by so much in rounding
 D65 = (0.3127, 0.329)
-REC709 = (
-    0.64,
-    0.33,
-    0.3,
-    0.6,
-    0.15,
-    0.06,
-    *D65,
-)  # x, y of red, green, blue, white (Rec. ITU-R BT.709-6)
+# x, y of red, green, blue, white (Rec. ITU-R BT.709-6)
+REC709 = (0.64, 0.33, 0.3, 0.6, 0.15, 0.06, *D65)
 NAMED = {
     "Rec.709": REC709,
     "Rec.2020": (0.708, 0.292, 0.17, 0.797, 0.131, 0.046, *D65),  # Rec. ITU-R BT.2020-2

@@ -1,6 +1,6 @@
 """Content pictures: read as linear light, or changed with everything else in their file kept.
 
-`read_picture` and `write_picture` are for light alone. `read_still` and `write_still` keep the other
+`read_picture` is for light alone. `read_still` and `write_still` keep the other
 channels, attributes, bit depth and straight alpha of a file whose colours are replaced.
 """
 
@@ -20,11 +20,9 @@ from procam.files.images.pixels import (
     STORED_AS,
     read_spec,
     require_suffix,
-    write_image,
     write_spec,
 )
 from procam.files.images.profiles import converted
-from procam.maths.light.curves import srgb_encode
 from procam.maths.light.transfer import transfer
 
 FORMAT_ATTRIBUTES = (
@@ -71,15 +69,6 @@ def square_edge(picture: AnyArray, name: str) -> int:
             f"{name}: {width}x{height} px is no dome master, which is square; crop or pad it"
         )
     return height
-
-
-def write_picture(path: Path, linear: Image) -> None:
-    """Write linear light (H, W, 3): EXR as is, PNG and TIFF as 16-bit sRGB."""
-    if path.suffix == ".exr":
-        write_image(path, linear.astype(np.float32), RGB)
-        return
-    encoded = np.rint(srgb_encode(np.clip(linear, 0, 1)) * 65535)
-    write_image(path, encoded.astype(np.uint16))
 
 
 def colour_places(path: Path, spec: oiio.ImageSpec) -> list[int]:

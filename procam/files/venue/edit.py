@@ -15,10 +15,8 @@ from procam.errors import InputError
 from procam.files.atomic import rewrite
 from procam.files.venue.load import checked_venue, load_venue
 
-OURS, REST = (
-    "# +-",
-    " -- ",
-)  # begins what is replaced with the value; what follows is the owner's comment
+# begins what is replaced with the value; what follows is the owner's comment
+OURS, REST = "# +-", " -- "
 
 
 @dataclass(frozen=True, slots=True)

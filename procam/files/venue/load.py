@@ -16,21 +16,11 @@ from procam.files.atomic import write_text
 from procam.files.toml import read_toml
 from procam.files.venue.checks import find_mistakes
 from procam.files.venue.messages import explain
-from procam.files.venue.tables import BY_HAND, CameraTable, CaptureTable, VenueTable
+from procam.files.venue.tables import BY_HAND, CameraTable, VenueTable
 from procam.maths.geometry.lenses import Lens
 from procam.model.optics import AprilTag, CameraModel, Distance, Fiducial, Sensor
 from procam.model.screen import Dome
 
-__all__ = [
-    "BY_HAND",
-    "CaptureTable",
-    "Venue",
-    "VenueTable",
-    "create_venue",
-    "load_venue",
-    "template_names",
-    "template_text",
-]
 USUAL_RADIUS_M = 5.0  # initial value where none was measured
 
 

@@ -1,6 +1,6 @@
 """Outlines in venue.toml: a polygon or the name of a PNG, the pixels they cover, and their checks."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -9,6 +9,7 @@ from pydantic import Discriminator, FiniteFloat, Tag
 
 from procam.arrays import BoolArray, FloatArray
 
+Corner = tuple[float, float]
 Polygon = list[tuple[FiniteFloat, FiniteFloat]]
 # a polygon, or the name of a PNG beside venue.toml; the tags give one message for a mistake, not two
 Outline = Annotated[
@@ -55,37 +56,28 @@ def file_mistakes(where: str, outlines: Sequence[Outline], folder: Path) -> list
 def pixel_mistakes(where: str, outlines: Sequence[Outline], size: tuple[int, int]) -> list[str]:
     """One line for each mistake in polygons in pixels of a device of `size`."""
     width, height = size
-    found = _too_few(where, outlines)
-    for number, outline in _polygons(outlines):
-        off = next((corner for corner in outline if not is_within(corner, size)), None)
-        if off is not None:
-            found.append(
-                f"{where}.{number}: the corner {list(off)} lies outside -0.5..{width - 0.5} and "
-                f"-0.5..{height - 0.5} px; clip the polygon to the picture"
-            )
-    return found
+    limits = f"-0.5..{width - 0.5} and -0.5..{height - 0.5} px; clip the polygon to the picture"
+    return _mistakes(where, outlines, lambda corner: is_within(corner, size), limits)
 
 
 def dome_mistakes(where: str, outlines: Sequence[Outline]) -> list[str]:
     """One line for each mistake in polygons of [azimuth_deg, elevation_deg]."""
-    found = _too_few(where, outlines)
-    for number, outline in _polygons(outlines):
-        off = next((c for c in outline if not (abs(c[0]) <= 360 and 0 <= c[1] <= 90)), None)
-        if off is not None:
-            found.append(
-                f"{where}.{number}: the corner {list(off)} lies outside azimuth -360..360 and elevation "
-                "0..90 degrees; clip the polygon to the dome master"
-            )
-    return found
+    limits = "azimuth -360..360 and elevation 0..90 degrees; clip the polygon to the dome master"
+    return _mistakes(where, outlines, lambda c: abs(c[0]) <= 360 and 0 <= c[1] <= 90, limits)
 
 
-def _polygons(outlines: Sequence[Outline]) -> list[tuple[int, Polygon]]:
-    return [(i, outline) for i, outline in enumerate(outlines) if not isinstance(outline, str)]
-
-
-def _too_few(where: str, outlines: Sequence[Outline]) -> list[str]:
-    return [
-        f"{where}.{number} is a polygon of {len(outline)} corners; it needs at least {MIN_CORNERS}"
-        for number, outline in _polygons(outlines)
-        if len(outline) < MIN_CORNERS
+def _mistakes(
+    where: str, outlines: Sequence[Outline], is_inside: Callable[[Corner], bool], limits: str
+) -> list[str]:
+    """Polygons of too few corners, and the first corner of each that lies outside `limits`."""
+    polygons = [(i, outline) for i, outline in enumerate(outlines) if not isinstance(outline, str)]
+    found = [
+        f"{where}.{number} is a polygon of {len(corners)} corners; it needs at least {MIN_CORNERS}"
+        for number, corners in polygons
+        if len(corners) < MIN_CORNERS
     ]
+    for number, corners in polygons:
+        off = next((corner for corner in corners if not is_inside(corner)), None)
+        if off is not None:
+            found.append(f"{where}.{number}: the corner {list(off)} lies outside {limits}")
+    return found

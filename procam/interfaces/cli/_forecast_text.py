@@ -1,7 +1,7 @@
 """The lines of `procam forecast`: figures with their bands, without and with compensation."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, fields
 from pathlib import Path
 from textwrap import wrap
@@ -12,7 +12,7 @@ from procam.workflows.forecast import Band, Levels, PictureFigures, Prospect, ba
 
 COLUMNS, LABEL, FIGURE = 100, 37, 31  # widths of the table
 Ends = Sequence[Levels] | Sequence[PictureFigures]
-Described = Mapping[str, float | None]  # a planned dome by option; None where one is not given
+Described = dict[str, float]  # a planned dome by the options that are given
 USUAL = {
     "albedo_sigma": 0.03,
     "reflecting": 1.0,
@@ -132,7 +132,7 @@ def assumptions_of(
         if nits := metered_nits(prospect):
             yield f"by a hand meter 1.0 is {nits:.3g} cd/m2, as direct light"
     else:
-        values = {n: USUAL[n] if described[n] is None else described[n] for n in USUAL}
+        values = USUAL | described
         yield (
             f"albedo {described['albedo']:g} with sigma {values['albedo_sigma']:g}; bands: both ends "
             "of its 95 % interval"

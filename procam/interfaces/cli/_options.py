@@ -5,23 +5,18 @@ from typing import Annotated
 
 import typer
 
+from procam.errors import InputError
+from procam.files.versions import chosen_calibration
+
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of text.")]
 
 
 def _without_number(path: Path) -> Path:
-    from procam.errors import InputError
-
     if "@" in path.name and not path.exists():
         raise InputError(
             f"{path}: this command takes no calibration, but a venue; leave out @ and what follows"
         )
     return path
-
-
-def _calibration_of(path: Path) -> Path:
-    from procam.files.versions import chosen_calibration
-
-    return chosen_calibration(path)
 
 
 def _session_of(path: Path) -> Path:
@@ -50,7 +45,7 @@ SUBJECT = (
 
 
 CalibrationArgument = Annotated[
-    Path, typer.Argument(metavar="VENUE@N", help=SUBJECT, callback=_calibration_of)
+    Path, typer.Argument(metavar="VENUE@N", help=SUBJECT, callback=chosen_calibration)
 ]
 FromArgument = Annotated[Path, typer.Argument(metavar="VENUE@N", help=SUBJECT)]
 RoundPhotos = Annotated[

@@ -1,16 +1,22 @@
-"""Text or one JSON document, and progress on a terminal."""
+"""Text or one JSON document, progress on a terminal, and the log of a run: VENUE/logs/DATE-COMMAND.log.
+
+Text for a terminal has nothing in it that would steer it: names and messages may come from a stranger's file.
+"""
 
 import json
 import math
 import sys
 import time
+import unicodedata
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing
+from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import typer
 
-from procam.interfaces.cli._plain import plain
-from procam.interfaces.cli._run_log import RunLog
+from procam.files.system import open_here
 
 if TYPE_CHECKING:
     from procam.model.calibration import Calibration
@@ -23,6 +29,10 @@ if TYPE_CHECKING:
 
 
 LINE_EVERY_S = 5.0  # of progress in a file
+# control, format (also the direction of writing), halves of characters
+STEERING = ("Cc", "Cf", "Cs")
+KEPT = "\n\t"
+_logs = list["RunLog"]()  # of the present run, or none
 
 
 class Output:
@@ -31,7 +41,7 @@ class Output:
     With `log` all of it is kept in the venue's logs too.
     """
 
-    def __init__(self, as_json: bool, log: RunLog | None = None) -> None:
+    def __init__(self, as_json: bool, log: "RunLog | None" = None) -> None:
         self.as_json, self._log = as_json, log
 
     def say(self, text: str) -> None:
@@ -71,7 +81,6 @@ class Output:
         from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
         from procam.memory import keep_large_buffers
-        from procam.workflows.events import ended_with
 
         keep_large_buffers()
         console, result = Console(stderr=True), list["Result"]()
@@ -85,7 +94,7 @@ class Output:
             result.append((yield from steps))
 
         with (
-            ended_with(steps),
+            closing(steps),
             Progress(*columns, *tail, text, console=console, disable=quiet) as progress,
         ):
             task = progress.add_task("", stage="", total=None)
@@ -165,3 +174,67 @@ def _short(value: Any) -> str:
     if isinstance(value, list):
         return " ".join(f"{v:.4g}" for v in value)
     return f"{value:.4g}"
+
+
+class RunLog:
+    """Lines with the seconds since the start; the file appears with the first one.
+
+    A disk that takes no more lines ends the log, not the run.
+    """
+
+    def __init__(self, venue_dir: Path, command: str) -> None:
+        name = time.strftime("%Y%m%d-%H%M%S")
+        self._path, self._started_s = venue_dir / "logs" / f"{name}-{command}.log", time.monotonic()
+        self.has_lines, self._ended = False, False
+        _logs[:] = [self]
+
+    def write(self, text: str) -> None:
+        """Add a line."""
+        if self._ended:
+            return
+        lines = [f"{time.monotonic() - self._started_s:8.1f}  {plain(text)}"]
+        if not self.has_lines:
+            lines.insert(0, f"{time.strftime('%Y-%m-%d %H:%M:%S')}  {_command_line()}")
+        try:
+            self._path.parent.mkdir(exist_ok=True)
+            with open(
+                self._path, "a", encoding="utf-8", errors="replace", opener=open_here
+            ) as file:
+                file.writelines(f"{line}\n" for line in lines)
+        except OSError:
+            self._ended = True
+        self.has_lines = True
+
+
+def end_log(text: str) -> None:
+    """Write how the run ended, if it has a log with lines; the next run has one of its own."""
+    for log in _logs:
+        if log.has_lines:
+            log.write(text)
+    _logs.clear()
+
+
+def _command_line() -> str:
+    return " ".join(["procam", *map(quote, sys.argv[1:])])
+
+
+def plain(text: str) -> str:
+    r"""The text with control characters written out, but for line feeds and tabs.
+
+    >>> print(plain("\x1b[2J south"))
+    \x1b[2J south
+    """
+    if text.isascii() and text.isprintable():
+        return text
+    return "".join(_written_out(c) for c in text)
+
+
+def plain_line(text: str) -> str:
+    """The same as one line."""
+    return plain(" ".join(text.split("\n")))
+
+
+def _written_out(letter: str) -> str:
+    if letter in KEPT or unicodedata.category(letter) not in STEERING:
+        return letter
+    return letter.encode("unicode_escape").decode()

@@ -53,16 +53,14 @@ def panel_size(text: str) -> Size:
     return two_counts("--size", text, "WIDTHxHEIGHT, such as 1280x800")
 
 
-def photographs(paths: Sequence[Path], suffixes: Collection[str] = SUFFIXES) -> list[Path]:
-    """The files, and the pictures of folders sorted by name."""
-    files: list[Path] = []
-    for path in paths:
-        inside = sorted(path.iterdir()) if path.is_dir() else [path]
-        files += [p for p in inside if not path.is_dir() or p.suffix.lower() in suffixes]
+def photographs(path: Path, suffixes: Collection[str] = SUFFIXES) -> list[Path]:
+    """The pictures of a folder sorted by name, or the one file."""
+    if not path.is_dir():
+        return [path]
+    files = sorted(p for p in path.iterdir() if p.suffix.lower() in suffixes)
     if not files:
         raise FileFormatError(
-            f"{', '.join(map(str, paths))}: there are no photographs here; they must be "
-            f"{', '.join(suffixes)}"
+            f"{path}: there are no photographs here; they must be {', '.join(suffixes)}"
         )
     return files
 

@@ -27,8 +27,7 @@ def worded(error: OSError) -> str:
     """
     if error.errno is None:
         return str(error)
-    where = (
-        error.filename2 or error.filename or "disk"
-    )  # the second is the new name of a renamed file
+    # the second is the new name of a renamed file
+    where = error.filename2 or error.filename or "disk"
     other = f"the system refuses to read or write ({error.strerror}); check the disk"
     return f"{where}: {WORDS.get(error.errno, other)}"

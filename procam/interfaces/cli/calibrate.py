@@ -5,8 +5,7 @@ from procam.files.history.record import recorded
 from procam.files.venue.load import load_venue
 from procam.interfaces.cli import _sessions
 from procam.interfaces.cli._options import Json, VenueArgument
-from procam.interfaces.cli._output import Output
-from procam.interfaces.cli._run_log import RunLog
+from procam.interfaces.cli._output import Output, RunLog
 from procam.workflows.capture.newest import capture_newest
 from procam.workflows.solve.calibrate import solve
 

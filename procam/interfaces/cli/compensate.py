@@ -24,7 +24,7 @@ from procam.interfaces.cli._options import (
     WhiteOption,
 )
 from procam.interfaces.cli._output import Output
-from procam.interfaces.cli._pipe import PIPE, RawFrames, compensate_pipe
+from procam.interfaces.cli._pipe import PIPE, check_pipe, compensate_pipe
 from procam.workflows.playout.chunks import FrameRange
 from procam.workflows.playout.compensate import certified, compensate_file, write_report
 from procam.workflows.playout.frame import FrameSettings
@@ -129,7 +129,11 @@ def compensate(
             raise InputError(
                 "--json, --explain and --frames cannot be used on a pipe: stdout carries all frames"
             )
-        _on_pipe(calibration, RawFrames(source, out, edge, pixels), settings, report)
+        check_pipe(source, out, edge, pixels)
+        rows = compensate_pipe(calibration, edge, pixels, settings, certify=report is not None)
+        if report and rows:
+            _write_report(report, rows)
+            sys.stderr.write(_certificate_text(certified(list(rows.values()))) + "\n")
         return
     beside, again = _beside(explain, report), report is not None
     steps = compensate_file(calibration, source, out, settings, again, beside, some)
@@ -168,15 +172,6 @@ def _to_projectors(
     for path in made.paths:
         output.say(f"{path} written")
     output.finish({"frames": made.paths})
-
-
-def _on_pipe(
-    calibration: Path, frames: RawFrames, settings: FrameSettings, report: Path | None
-) -> None:
-    rows = compensate_pipe(calibration, frames, settings, certify=report is not None)
-    if report and rows:
-        _write_report(report, rows)
-        sys.stderr.write(_certificate_text(certified(list(rows.values()))) + "\n")
 
 
 def _summarise(
@@ -293,7 +288,8 @@ def _write_explained(
     calibration: Path, source: Path, settings: FrameSettings, folder: Path
 ) -> None:
     from procam.interfaces.plots.clip import write_explained
-    from procam.workflows.playout.explain import explain, first_frame, write_pictures
+    from procam.workflows.playout.explain import explain, write_pictures
+    from procam.workflows.playout.sources import first_frame
 
     explained = explain(load_dome(calibration), first_frame(source), settings)
     write_pictures(folder, explained)

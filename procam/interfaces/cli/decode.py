@@ -1,12 +1,12 @@
 """`procam decode`: plain structured light with a folder of photographs."""
 
-import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 import typer
+from numpy.typing import NDArray
 
 from procam.arrays import Array32
 from procam.errors import CalibrationError, FileFormatError, InputError
@@ -25,15 +25,17 @@ from procam.estimate.structured_light.panel_checks import orientation, panel_not
 from procam.estimate.structured_light.panel_map import drop_inconsistent, fit_projector_map
 from procam.estimate.structured_light.set_checks import SetReport, examine
 from procam.files.images.layers import write_channels
+from procam.files.images.photos import in_order
 from procam.files.images.pixels import write_image
 from procam.interfaces.cli._codes import chosen_code, count_refusal
 from procam.interfaces.cli._options import CodeOption, Json, OrderOption, SizeOption
 from procam.interfaces.cli._output import Output
 from procam.interfaces.cli._paths import SUFFIXES, Picture, check_out, panel_size, read_grey
-from procam.interfaces.plots.correspondence import draw_map
 from procam.model.correspondence import CorrespondenceMap, ProjectorMap
 
 EXAMPLE = "procam decode photos map.exr --size 1024x768 --code gray"
+LINES = 16  # of the grid in the picture of a map, over the longer side of the panel
+HOLE = 24  # grey of holes in it
 Limits = tuple[float | None, float | None]  # white - black, contrast [counts]; None: automatic
 
 
@@ -106,6 +108,25 @@ def _figures(found: CorrespondenceMap, panel: ProjectorMap, sigma: Array32) -> d
     }
 
 
+def draw_map(found: CorrespondenceMap, size: tuple[int, int]) -> NDArray[np.uint8]:
+    """Colours (H, W, 3): red grows to the panel's right, green downwards; a grid every 1/16.
+
+    The cells of a sound map are straight and of one colour each; holes are dark grey.
+    """
+    xy = np.where(found.valid[..., None], found.projector_xy, 0.0)
+    share = np.clip(xy / np.maximum(np.array(size) - 1.0, 1.0), 0, 1)
+    colour = np.stack([share[..., 0], share[..., 1], 1 - share.mean(axis=-1)], axis=-1)
+    cell = max(size) / LINES
+    # a line runs where neighbours lie in different cells
+    index = np.floor(xy / cell)
+    line = np.zeros(found.valid.shape, bool)
+    line[:, 1:] |= (index[:, 1:] != index[:, :-1]).any(axis=-1)
+    line[1:, :] |= (index[1:] != index[:-1]).any(axis=-1)
+    colour = np.where(line[..., None], 1.0, 0.15 + 0.7 * colour)
+    picture = np.where(found.valid[..., None], 255 * colour, HOLE)
+    return np.asarray(np.rint(picture), np.uint8)
+
+
 def decode_folder(
     folder: Path, code: Code, limits: Limits, *, anyway: bool = False
 ) -> tuple[CorrespondenceMap, ProjectorMap, list[str]]:
@@ -117,7 +138,7 @@ def decode_folder(
     if not folder.is_dir():
         raise FileFormatError(f"{folder}: there is no such folder; give one with photographs")
     files = sorted(
-        (p for p in folder.glob("*") if p.suffix.lower() in SUFFIXES and p.is_file()), key=_in_order
+        (p for p in folder.glob("*") if p.suffix.lower() in SUFFIXES and p.is_file()), key=in_order
     )
     if not count_fits(len(code.planes), [path.name for path in files]):
         raise FileFormatError(count_refusal(folder, len(files), code))
@@ -221,8 +242,3 @@ def _limits(asked: Limits, white: Picture, black: Picture) -> DecodeLimits:
         lit_share=0.0,
         neighbours=False,
     )
-
-
-def _in_order(path: Path) -> list[str | int]:
-    """Sorts img_2 before img_10."""
-    return [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", path.name)]

@@ -10,9 +10,8 @@ from procam.errors import DeviceError, InputError
 from procam.files.history.record import recorded
 from procam.files.venue.load import Venue, load_venue
 from procam.interfaces.cli._options import Json, ReplaceRound, VenueArgument
-from procam.interfaces.cli._output import Output
+from procam.interfaces.cli._output import Output, RunLog
 from procam.interfaces.cli._rounds import ask_for_photographs, given_photographs
-from procam.interfaces.cli._run_log import RunLog
 from procam.workflows.capture.decoded import with_decoded_bits
 from procam.workflows.capture.ingest import named_camera
 from procam.workflows.doctor.behaviour_by_hand import examine_behaviour_by_hand

@@ -112,7 +112,8 @@ def forecast(
         "contrast": contrast,
         "radius_m": radius_m,
     }
-    _forecast(paths or [], described, lumens, out, Output(json))
+    given = {name: value for name, value in described.items() if value is not None}
+    _forecast(paths or [], given, lumens, out, Output(json))
 
 
 def _forecast(
@@ -122,7 +123,6 @@ def _forecast(
     out: Path | None,
     output: Output,
 ) -> None:
-    """`described` is a planned dome, None where an option was not given."""
     venue = paths[0] if paths and _is_calibrated(paths[0]) else None
     prospect = _prospect(venue, described)
     _check_light(lumens, described, venue)
@@ -168,19 +168,19 @@ def _is_calibrated(path: Path) -> bool:
 
 def _prospect(venue: Path | None, described: Described) -> Prospect:
     """The dome of a venue's newest calibration, or the one that is described."""
-    named = [_option(name) for name, value in described.items() if value is not None]
     if venue is not None:
-        if named:
+        if described:
+            named = [f"--{name.replace('_', '-')}" for name in described]
             raise InputError(
                 f"forecast: {', '.join(named)} cannot be combined with {venue}, whose calibration has "
                 "measured them; give one or the other"
             )
         return measured(load_calibration(chosen_calibration(venue)))
-    if described["albedo"] is None or described["coverage"] is None:
+    if not {"albedo", "coverage"} <= described.keys():
         raise InputError(
             "forecast needs --albedo and --coverage, or a VENUE with a calibration as the first argument"
         )
-    values = USUAL | {name: value for name, value in described.items() if value is not None}
+    values = USUAL | described
     screen = Dome(
         values.get("radius_m", 1.0),
         math.radians(values["half_angle_deg"]),
@@ -198,7 +198,7 @@ def _check_light(lumens: float | None, described: Described, venue: Path | None)
         raise InputError(
             f"--lumens is {lumens:g}; the sum of all projectors is above 0, such as 10000"
         )
-    if venue is None and described["radius_m"] is None:
+    if venue is None and "radius_m" not in described:
         raise InputError("--lumens needs --radius-m, the dome's radius [m]")
 
 
@@ -262,7 +262,3 @@ def _picture(prospect: Prospect, content: np.ndarray) -> tuple[list[PictureFigur
     """A picture's figures at the ends and in the middle, and how it is seen in the middle."""
     figures, seen = zip(*(picture_figures(c, content) for c in prospect.ends), strict=True)
     return list(figures), seen[1]
-
-
-def _option(name: str) -> str:
-    return f"--{name.replace('_', '-')}"

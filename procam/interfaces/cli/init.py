@@ -7,7 +7,8 @@ from typing import Annotated
 import typer
 
 from procam.errors import InputError
-from procam.files.venue.load import BY_HAND, create_venue, load_venue, template_names
+from procam.files.venue.load import create_venue, load_venue, template_names
+from procam.files.venue.tables import BY_HAND
 from procam.interfaces.cli._options import Json
 from procam.interfaces.cli._output import Output
 

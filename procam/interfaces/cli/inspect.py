@@ -83,7 +83,7 @@ def _session(path: Path) -> dict[str, Any]:
 
 
 def _bundle(path: Path) -> dict[str, Any]:
-    from procam.files.bundle import read_manifest
+    from procam.files.bundle.read import read_manifest
 
     manifest = read_manifest(path)
     places = [name.split("/") for name in manifest.files]

@@ -20,8 +20,7 @@ from typer.core import TyperCommand, TyperGroup
 
 from procam.devices.interrupts import interruptible
 from procam.errors import DeviceError, ProcamError
-from procam.interfaces.cli._plain import plain
-from procam.interfaces.cli._run_log import end_log
+from procam.interfaces.cli._output import end_log, plain
 
 BY_SIGNAL = 128  # plus a signal's number: the exit code of a process that it has ended
 SETTINGS = {"help_option_names": ["-h", "--help"]}

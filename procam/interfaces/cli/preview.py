@@ -40,9 +40,9 @@ def preview(
     from procam.errors import InputError
     from procam.files.calibration import load_dome
     from procam.interfaces.report.preview import write_preview
-    from procam.workflows.playout.explain import first_frame
+    from procam.workflows.playout.explain import lit_solid_angles, views
     from procam.workflows.playout.frame import FrameSettings
-    from procam.workflows.playout.preview import lit_solid_angles, views
+    from procam.workflows.playout.sources import first_frame
 
     output = Output(json)
     if str(picture) == "-":

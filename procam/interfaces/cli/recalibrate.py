@@ -10,8 +10,7 @@ from procam.files.history.record import recorded
 from procam.files.venue.load import load_venue
 from procam.files.versions import calibration_in_use
 from procam.interfaces.cli._options import Json, UnattendedOption, VenueArgument
-from procam.interfaces.cli._output import Output
-from procam.interfaces.cli._run_log import RunLog
+from procam.interfaces.cli._output import Output, RunLog
 from procam.workflows.recalibrate.recalibrate import recalibrate as recalibrating
 from procam.workflows.unattended import leave_for
 

@@ -13,9 +13,8 @@ from procam.files.venue.load import load_venue
 from procam.files.versions import chosen_calibration, venue_of_calibration
 from procam.interfaces.cli import _sessions
 from procam.interfaces.cli._options import FromArgument, Json, ReplaceRound, RoundPhotos
-from procam.interfaces.cli._output import Output, as_dicts, exit_if_missed
+from procam.interfaces.cli._output import Output, RunLog, as_dicts, exit_if_missed
 from procam.interfaces.cli._rounds import ask_for_photographs, given_photographs
-from procam.interfaces.cli._run_log import RunLog
 from procam.workflows.photographs.open import photographer_of
 from procam.workflows.photographs.orders import PhotographsWanted
 from procam.workflows.playout.frame import require_standard_canvas

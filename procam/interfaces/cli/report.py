@@ -2,17 +2,23 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
+from procam.files.calibration import load_calibration
 from procam.files.versions import calibration_in_use, list_calibrations
 from procam.interfaces.cli._options import Json, VenueArgument
 from procam.interfaces.cli._output import Output, as_dicts
-
-if TYPE_CHECKING:
-    from procam.model.acceptance import Finding
-    from procam.workflows.other_seat import SeatCheck
+from procam.interfaces.plots.figure import require_matplotlib
+from procam.interfaces.report.acceptance import found, limit_text, value_texts, verdict
+from procam.interfaces.report.data import read_material
+from procam.interfaces.report.other_seat import outcome
+from procam.interfaces.report.page import write_page
+from procam.interfaces.report.sheet import write_sheet
+from procam.model.acceptance import Finding
+from procam.workflows.other_seat import SeatCheck
+from procam.workflows.stills import write_stills
 
 EXAMPLE = "procam report my-dome"
 
@@ -34,8 +40,6 @@ def report(
     table acceptance in venue.toml; a figure that has not been measured well enough to show that its limit is
     kept counts as not kept.
     """
-    from procam.interfaces.report.sheet import write_sheet
-
     output = Output(json)
     if stills is not None:
         calibration_in_use(venue)  # refuses before anything is written
@@ -52,11 +56,6 @@ def report(
 
 def _report(venue: Path, output: Output) -> tuple[dict[str, Any], bool]:
     """Write the report; what it says for machines, and whether all limits are kept."""
-    from procam.interfaces.plots.figure import require_matplotlib
-    from procam.interfaces.report.acceptance import found
-    from procam.interfaces.report.data import read_material
-    from procam.interfaces.report.page import write_page
-
     require_matplotlib()
     material = read_material(venue)
     path = write_page(material, venue / "report.html")
@@ -69,12 +68,10 @@ def _report(venue: Path, output: Output) -> tuple[dict[str, Any], bool]:
     return document | {"other_seat": _other_seat(material.other_seat)}, kept
 
 
-def _other_seat(check: "SeatCheck | None") -> dict[str, Any] | None:
+def _other_seat(check: SeatCheck | None) -> dict[str, Any] | None:
     """The check from another seat for machines; None if there is none."""
     if check is None:
         return None
-    from procam.interfaces.report.other_seat import outcome
-
     seat = check.seat
     return {
         "calibration": str(seat.directory),
@@ -86,21 +83,16 @@ def _other_seat(check: "SeatCheck | None") -> dict[str, Any] | None:
     }
 
 
-def _say_verdicts(judged: "Sequence[Finding]", output: Output) -> None:
+def _say_verdicts(judged: Sequence[Finding], output: Output) -> None:
     """A line for each limit of the client, and one for all."""
-    from procam.interfaces.report.acceptance import limit_text, value_texts, verdict
-
     for finding in judged:
         values = ", ".join(value_texts(finding))
         output.say(f"  {finding.verdict:9}  {finding.name}: {values}; {limit_text(finding)}")
-    if outcome := verdict(judged):
-        output.say(outcome.text)
+    if total := verdict(judged):
+        output.say(total.text)
 
 
 def _stills(venue: Path, folder: Path, output: Output) -> str:
-    from procam.files.calibration import load_calibration
-    from procam.workflows.stills import write_stills
-
     output.follow(write_stills(load_calibration(calibration_in_use(venue)), folder))
     index = str(folder / "index.txt")
     output.say(f"{index} written; it names what to look for in each picture beside it")

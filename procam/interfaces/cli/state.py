@@ -15,9 +15,8 @@ from procam.files.versions import (
     venue_of_calibration,
 )
 from procam.interfaces.cli._options import FromArgument, Json, ReplaceRound, RoundPhotos
-from procam.interfaces.cli._output import Output
+from procam.interfaces.cli._output import Output, RunLog
 from procam.interfaces.cli._rounds import ask_for_photographs, given_photographs
-from procam.interfaces.cli._run_log import RunLog
 from procam.model.venue_state import VenueState
 from procam.workflows.audience import check_state_name, measure_state, with_state
 from procam.workflows.photographs.open import photographer_of

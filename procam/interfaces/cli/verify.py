@@ -21,9 +21,8 @@ from procam.interfaces.cli._options import (
     RoundPhotos,
     UnattendedOption,
 )
-from procam.interfaces.cli._output import Output, as_dicts
+from procam.interfaces.cli._output import Output, RunLog, as_dicts
 from procam.interfaces.cli._rounds import ask_for_photographs, given_photographs
-from procam.interfaces.cli._run_log import RunLog
 from procam.interfaces.cli._system_errors import worded
 from procam.workflows.photographs.open import is_by_hand, photographer_of
 from procam.workflows.photographs.orders import PhotographsWanted

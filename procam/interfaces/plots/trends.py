@@ -3,10 +3,14 @@
 from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from procam.errors import InputError
 from procam.files.history.read import FigureEntry
 from procam.interfaces.plots.figure import finish, new_figure, save_figure, title_axes
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 MOST_PANELS = 12
 USUAL = ("feedback.", "albedo.", "white_in_camera.")  # drawn first
@@ -63,10 +67,7 @@ def _usual(known: Sequence[str]) -> list[str]:
     return [*first, *(name for name in twice if name not in first)][:MOST_PANELS]
 
 
-def _draw(axes: "object", name: str, entries: Sequence[FigureEntry]) -> None:
-    from matplotlib.axes import Axes  # noqa: PLC0415
-
-    assert isinstance(axes, Axes)
+def _draw(axes: "Axes", name: str, entries: Sequence[FigureEntry]) -> None:
     places = range(len(entries))
     values = [float(e.value) for e in entries if e.value is not None]
     errors = [1.96 * (e.sigma or 0.0) for e in entries]

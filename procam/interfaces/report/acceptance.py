@@ -2,29 +2,19 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from procam.arrays import Array
 from procam.interfaces.report.data import Material
 from procam.interfaces.report.words import quantity_text
-from procam.model.acceptance import Finding, Verdict, findings
+from procam.model.acceptance import Finding, findings
 from procam.model.photometry import PRIMARIES
 
 DIGITS = 4  # so that both ends of a narrow interval differ
 OF_DIFFERENCE = 2  # whose interval has 0 in it, if all is well
 SIDES = {"most": "at most ", "least": "at least ", "within": "within \N{PLUS-MINUS SIGN}"}
-
-
-@dataclass(frozen=True, slots=True)
-class Row:
-    """A line of the table; `values` has a text for each channel."""
-
-    name: str
-    label: str
-    values: list[str]
-    limit: str
-    verdict: Verdict
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,14 +34,15 @@ def found(material: Material) -> list[Finding]:
     return list(findings(calibration, limits))
 
 
-def rows(material: Material) -> list[Row]:
-    """The table's lines."""
-    return [
-        Row(
-            each.name, each.criterion.label, list(value_texts(each)), limit_text(each), each.verdict
-        )
-        for each in found(material)
-    ]
+def row(finding: Finding) -> dict[str, Any]:
+    """A line of the table; `values` has a text for each channel."""
+    return {
+        "name": finding.name,
+        "label": finding.criterion.label,
+        "values": list(value_texts(finding)),
+        "limit": limit_text(finding),
+        "verdict": finding.verdict,
+    }
 
 
 def verdict(judged: Sequence[Finding]) -> Outcome | None:

@@ -17,7 +17,7 @@ from procam.files.images.layers import RGB, read_channels
 from procam.files.venue.load import Venue, load_venue
 from procam.files.versions import calibration_in_use, list_calibrations
 from procam.interfaces.plots.charts import on_dome
-from procam.interfaces.report.stored_loop import read_loop
+from procam.interfaces.report.stored_loop import StoredLoop, read_loop
 from procam.maths.geometry.sphere import master_directions, master_pixels, master_solid_angles
 from procam.maths.warp import block_mean, sample
 from procam.model.calibration import Calibration
@@ -29,20 +29,6 @@ SHOWN = 450  # edge of a picture in the report, about [px]
 JUDGED = 256  # edge of the patches that errors are averaged over, in patches
 POINTS = 1_200_000  # most projector pixels that are drawn on a dome map
 WHOLE = 0.999  # share from which a patch counts as lit, or as free of limits
-
-
-@dataclass(frozen=True, slots=True)
-class Loop:
-    """The closed loop: residual per iteration and noise floor [rel], photographs by name, what got worse.
-
-    `unseen` has the residual before and after of a picture that it did not learn from [rel], if there is one.
-    """
-
-    residual: list[float]
-    noise_floor: float
-    photographs: Mapping[str, Image]
-    worse: str
-    unseen: tuple[float, float] | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +88,8 @@ class Material:
     ----------
     calibration : that in use, `used` its folder; calibrations : all of them, oldest first.
     figures : the entries of summary.json by name. pictures : (N, N, 3) by name, size to show.
-    venue : its venue.toml. other_seat : its check from another seat.
+    loop, photographs : the closed loop, and its photographs by name. venue : its venue.toml.
+    other_seat : its check from another seat.
     """
 
     directory: Path
@@ -111,7 +98,8 @@ class Material:
     calibration: Calibration | None
     figures: Mapping[str, Mapping[str, Any]]
     preset: str | None
-    loop: Loop | None
+    loop: StoredLoop | None
+    photographs: Mapping[str, Image]
     pictures: Mapping[str, Image]
     truth: Truth | None
     venue: Venue | None = None
@@ -155,7 +143,7 @@ class Material:
             after = shown.get("refined", shown["exact"])
             return BeforeAfter(shown["none"], after, target, free, coverage, "simulator")
         if self.loop:
-            photographs = self.loop.photographs
+            photographs = self.photographs
             size = len(photographs["before"])
             target, free, coverage = (resized(p, size) for p in (target, free, coverage))
             before, after = photographs["before"], photographs["after"]
@@ -204,7 +192,7 @@ def read_material(venue_dir: Path) -> Material:
         calibration,
         summary.get("figures", {}),
         summary.get("preset"),
-        _loop(venue_dir / "loop", calibration),
+        *_loop(venue_dir / "loop", calibration),
         pictures,
         _truth(venue_dir / "truth", calibration, size),
         load_venue(venue_dir) if (venue_dir / "venue.toml").is_file() else None,
@@ -237,17 +225,18 @@ def _pictures(folder: Path) -> dict[str, Image]:
     return {n: _picture(folder / f"{n}.exr") for n in names}
 
 
-def _loop(folder: Path, calibration: Calibration | None) -> Loop | None:
-    """The last loop; None if it was of another session than the calibration."""
+def _loop(
+    folder: Path, calibration: Calibration | None
+) -> tuple[StoredLoop | None, dict[str, Image]]:
+    """The last loop and its photographs; none if it was of another session than the calibration."""
     names = ("before", "after", "predicted", "free")
     stored = read_loop(folder / "loop.json")
     if stored is None or not all((folder / f"{n}.exr").is_file() for n in names):
-        return None
+        return None, {}
     session = calibration.provenance.get("session") if calibration else None
     if stored.session not in (None, session):
-        return None
-    photographs = {n: _picture(folder / f"{n}.exr") for n in names}
-    return Loop(stored.residual, stored.noise_floor, photographs, stored.worse, stored.unseen)
+        return None, {}
+    return stored, {n: _picture(folder / f"{n}.exr") for n in names}
 
 
 def _truth(folder: Path, calibration: Calibration | None, size: int) -> Truth | None:

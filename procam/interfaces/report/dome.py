@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procam.arrays import Array, FloatArray
+from procam.files.images.layers import read_layers
 from procam.interfaces.plots import charts as plots
 from procam.interfaces.plots.charts import Scale
 from procam.interfaces.plots.figure import css_colour
@@ -23,10 +24,9 @@ from procam.interfaces.report.blocks import (
     painted,
     signed,
 )
-from procam.interfaces.report.changes import true_errors
 from procam.interfaces.report.data import SHOWN, WHOLE, Material, on_master, resized
 from procam.interfaces.report.words import number, percent
-from procam.maths.geometry.sphere import master_solid_angles
+from procam.maths.geometry.sphere import angle_between, master_solid_angles
 from procam.model.calibration import Calibration
 from procam.model.photometry import PRIMARIES
 from procam.model.quality import Figure
@@ -78,7 +78,7 @@ def mapping(material: Material) -> Iterator[Block]:
     for name, projector in material.calibration.projectors.items():
         surface = projector.surface
         shown[f"{name}: expected error"] = on_master(surface, surface.sigma_arcmin)
-        error = true_errors(material, name)
+        error = _true_errors(material, name)
         if error is not None:
             shown[f"{name}: true error"] = on_master(surface, error)
     end = extent(np.concatenate([values.ravel() for values in shown.values()]), 0.01)
@@ -91,6 +91,20 @@ def mapping(material: Material) -> Iterator[Block]:
         "resolves. A 4K dome picture has pixels of 2.6 arcmin.",
     )
     yield from _geometry(material.calibration)
+
+
+def _true_errors(material: Material, name: str) -> Array | None:
+    """Angles (H, W) [arcmin] between estimated and true pixel directions; NaN where unknown."""
+    if material.truth is None or material.calibration is None:
+        return None
+    path = material.truth.directory / "maps" / f"{name}.exr"
+    if not path.is_file():
+        return None
+    maps = read_layers(path)
+    truth = maps["direction"]
+    estimated = material.calibration.projectors[name].surface.direction
+    error = np.degrees(angle_between(estimated.astype(float), truth.astype(float))) * 60
+    return np.where(maps["valid"] > 0.5, error, np.nan)
 
 
 def _geometry(calibration: Calibration) -> Iterator[Block]:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from procam.files.history.differences import (
+from procam.files.history.read import (
     MARKED_SIGMAS,
     FigureDifference,
     calibration_before,

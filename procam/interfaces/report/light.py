@@ -1,11 +1,14 @@
 """Sections on the light: before and after, bounced light, the closed loop, limits."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.arrays import Array, FloatArray
+from procam.arrays import Array, FloatArray, Image
+from procam.files.history.figures import calibration_figures
+from procam.files.images.layers import read_layers
 from procam.interfaces.plots import charts as plots
 from procam.interfaces.plots.figure import LIMITS, css_colour
 from procam.interfaces.report.blocks import (
@@ -24,8 +27,7 @@ from procam.interfaces.report.blocks import (
     signed,
     signed_light,
 )
-from procam.interfaces.report.changes import gain_change
-from procam.interfaces.report.data import WHOLE, BeforeAfter, Loop, Material, on_master, resized
+from procam.interfaces.report.data import WHOLE, BeforeAfter, Material, on_master, resized
 from procam.interfaces.report.words import limits_text, percent
 from procam.maths.geometry.sphere import (
     angles_from_direction,
@@ -180,12 +182,11 @@ def loop(material: Material) -> Iterator[Block]:
         yield Text(f"The resulting calibration was not kept: {seen.worse}.")
     chart = plots.loop_chart(seen.residual, seen.noise_floor)
     yield Charts([(chart, "Difference after each correction")], "", width_px=640)
-    yield _loop_pictures(seen)
+    yield _loop_pictures(material.photographs)
     yield from _gain_change(material)
 
 
-def _loop_pictures(seen: Loop) -> Domes:
-    photographs = seen.photographs
+def _loop_pictures(photographs: Mapping[str, Image]) -> Domes:
     light = brightness(extent(photographs["before"], 0.2, 0.1))
     shown = {
         "Photograph, before": photographs["before"],
@@ -222,6 +223,35 @@ def _gain_change(material: Material) -> Iterator[Block]:
         "How the loop changed the calibration: how much brighter (red) or darker (blue) each "
         "projector is than first measured.",
     )
+
+
+def gain_change(material: Material, name: str) -> Array | None:
+    """Factor (H, W) by which the loop changed a projector's gain; None without two calibrations.
+
+    Calibrations that only added a venue state are passed over: they have the same gains.
+    """
+    change = None
+    before = [p for p in material.calibrations if material.used and p.name < material.used.name]
+    for earlier in reversed(before):
+        found = _gain_since(earlier, material, name)
+        if found is None:
+            break
+        change = found
+        if (np.nan_to_num(change, nan=1.0) != 1).any():
+            break
+    return change
+
+
+def _gain_since(earlier: Path, material: Material, name: str) -> Array | None:
+    """Gain (H, W) over that of an earlier calibration of the same session; None if there is none."""
+    newest = material.calibration
+    session, _ = calibration_figures(earlier / "calibration.json")
+    path = earlier / "maps" / f"{name}.exr"
+    if newest is None or session != newest.provenance.get("session", "") or not path.is_file():
+        return None
+    old = read_layers(path)["gain"].sum(axis=-1, dtype=float)
+    new = newest.projectors[name].photometry.gain.sum(axis=-1, dtype=float)
+    return np.where(old > 0, new / np.where(old > 0, old, 1.0), np.nan)
 
 
 def clipped(material: Material) -> Iterator[Block]:

@@ -32,8 +32,11 @@ def other_seat(material: Material) -> Iterator[Block]:
     else:
         yield Text(_seats(check, used))
         yield Text(outcome(check), good=check.agrees)
-        if check.comparison is not None:
-            yield from _tables(check, check.comparison, used)
+        found = check.comparison
+        if found and check.has_directions:
+            yield _directions(check, found)
+        if found and found.light:
+            yield _light(check, found, used.name)
 
 
 def _missing(material: Material, used: Path) -> str:
@@ -72,7 +75,8 @@ def outcome(check: SeatCheck) -> str:
     if found is None:
         return f"The two cannot be compared: {check.refusal}"
     if not check.has_directions:
-        return f"{_agreement('') if check.agrees else _differ(_first(found.verdict.text))} {SERVED}"
+        light, _, _ = found.verdict.text.partition(". Directions: ")
+        return f"{_agreement('') if check.agrees else _differ(light)} {SERVED}"
     if check.agrees:
         return _agreement(found.verdict.text if found.verdict.kind == "turned" else "")
     if found.verdict.sound:
@@ -90,18 +94,6 @@ def _agreement(how: str) -> str:
 
 def _differ(how: str) -> str:
     return f"The two differ: {how}."
-
-
-def _first(verdict: str) -> str:
-    """A verdict on the light, without its sentence on directions."""
-    return verdict.partition(". Directions: ")[0]
-
-
-def _tables(check: SeatCheck, found: Comparison, used: Path) -> Iterator[Block]:
-    if check.has_directions:
-        yield _directions(check, found)
-    if found.light:
-        yield _light(check, found, used.name)
 
 
 def _directions(check: SeatCheck, found: Comparison) -> Table:

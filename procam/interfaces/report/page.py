@@ -18,7 +18,8 @@ from procam.interfaces.plots.figure import EXTRA, require_matplotlib
 from procam.interfaces.report import acceptance, cover, dome, drift, hand, light, other_seat
 from procam.interfaces.report.blocks import Section
 from procam.interfaces.report.cover import date_text
-from procam.interfaces.report.data import Loop, Material, read_material
+from procam.interfaces.report.data import Material, read_material
+from procam.interfaces.report.stored_loop import StoredLoop
 from procam.interfaces.report.words import (
     goal_text,
     miss_text,
@@ -56,14 +57,13 @@ def write_report(venue_dir: Path, out: Path | None = None) -> Path:
 def write_page(material: Material, path: Path) -> Path:
     """The same from what was read of a venue."""
     require_matplotlib()
-    text = resources.files(__package__).joinpath("report_template.html").read_text("utf-8")
-    template = html_template(text)
+    template = html_template("report_template.html")
     atomic.write_text(path, template.render(**_context(material)))
     return path
 
 
-def html_template(text: str) -> Any:
-    """A template of jinja2, whose values are escaped; none may be missing."""
+def html_template(name: str) -> Any:
+    """A page of this package as a template of jinja2: values are escaped, and none may be missing."""
     try:
         from jinja2 import Environment, StrictUndefined  # noqa: PLC0415
     except ImportError as error:
@@ -73,11 +73,12 @@ def html_template(text: str) -> Any:
     environment = Environment(
         autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
+    text = resources.files(__package__).joinpath(name).read_text("utf-8")
     return environment.from_string(text)
 
 
 def _context(material: Material) -> dict[str, Any]:
-    entries = _entries(material)
+    entries, judged = _entries(material), acceptance.found(material)
     return {
         "venue": material.name,
         "written": date_text(datetime.now().astimezone()),
@@ -86,8 +87,8 @@ def _context(material: Material) -> dict[str, Any]:
         "simulated": material.is_simulated,
         "facts": list(cover.facts(material)),
         "method": cover.method(material),
-        "acceptance": acceptance.rows(material),
-        "accepted": acceptance.verdict(acceptance.found(material)),
+        "acceptance": [acceptance.row(finding) for finding in judged],
+        "accepted": acceptance.verdict(judged),
         "verdict": _verdict(entries),
         "good": any(e["pass"] for e in entries.values()),
         "missed": [miss_text(n, e) for n, e in entries.items() if e["pass"] is False],
@@ -140,7 +141,7 @@ def _left_card(figures: Entries) -> Iterator[dict[str, str]]:
         yield _figure_card(figures, drawn, title, "of the bounced light remains, worst colour")
 
 
-def _loop_card(loop: Loop) -> dict[str, str]:
+def _loop_card(loop: StoredLoop) -> dict[str, str]:
     left = loop.unseen[1] if loop.unseen else loop.residual[-1]
     floor = percent(loop.noise_floor, 2)
     note = f"of white between camera and prediction; camera noise {floor}"

@@ -1,8 +1,6 @@
 """A page that shows what the audience will see of one picture, by each method, beside the target."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +13,7 @@ from procam.interfaces.plots.figure import require_matplotlib
 from procam.interfaces.report.page import html_template
 from procam.maths.vision.pu21 import pu21
 from procam.maths.warp import reduced_to
-from procam.workflows.playout.preview import BEFORE, TARGET
+from procam.workflows.playout.explain import BEFORE, TARGET
 
 LARGEST = 900  # px of the page's pictures
 BRIGHT_PART = 0.25  # of the lit picture
@@ -28,29 +26,25 @@ TITLES = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class View:
-    """A picture of the page, what it is, and figures about it."""
-
-    key: str
-    title: str
-    text: str
-    image: str
-    facts: str
-
-
 def write_preview(
     path: Path, name: str, views: Mapping[str, Image], weight: Array, white_nits: float
 ) -> None:
     """Write the page of `views` (N, N, 3) as one HTML file; pixels count by `weight` (N, N) [sr]."""
     require_matplotlib()
     shown = [
-        View(key, *TITLES[key], _image(views[key]), _facts(views, key, weight, white_nits))
-        for key in TITLES
+        {
+            "key": key,
+            "title": title,
+            "text": text,
+            "image": _image(views[key]),
+            "facts": _facts(views, key, weight, white_nits),
+        }
+        for key, (title, text) in TITLES.items()
         if key in views
     ]
-    text = resources.files(__package__).joinpath("preview_template.html").read_text("utf-8")
-    page = html_template(text).render(name=name, views=shown, white_nits=f"{white_nits:g}")
+    page = html_template("preview_template.html").render(
+        name=name, views=shown, white_nits=f"{white_nits:g}"
+    )
     atomic.write_text(path, page)
 
 

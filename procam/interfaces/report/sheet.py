@@ -1,7 +1,6 @@
 """The operators' sheet of a venue: one page with what they run, check and do when something is wrong."""
 
 from collections.abc import Iterator
-from importlib import resources
 from pathlib import Path
 from shlex import quote
 
@@ -29,9 +28,8 @@ def write_sheet(venue_dir: Path) -> Path:
         The venue has no calibration.
     """
     venue, used = load_venue(venue_dir), calibration_in_use(venue_dir)
-    text = resources.files(__package__).joinpath("sheet_template.html").read_text("utf-8")
     folder = quote(str(venue_dir.resolve()))
-    page = html_template(text).render(
+    page = html_template("sheet_template.html").render(
         venue=venue_dir.resolve().name,
         number=used.name,
         written=date_text(written_at(used)),

@@ -3,16 +3,16 @@
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 
-from procam.errors import FileFormatError
-from procam.files.session_tables import first_finding, parse_object
+from procam.files.session_tables import checked, parse_object
 
 
 class StoredLoop(BaseModel):
     """What `refine` has stored; `worse` and `unseen` are new since version 0.1.
 
-    `session` is the one that the loop's calibration was solved from; residuals and noise are relative [rel].
+    `session` is the one that the loop's calibration was solved from; residuals, by iteration, and noise are
+    relative [rel]. `unseen` has the residual before and after of a picture that it did not learn from.
     """
 
     model_config = ConfigDict(frozen=True)
@@ -34,9 +34,4 @@ def read_loop(path: Path) -> StoredLoop | None:
     if not path.is_file():
         return None
     document = parse_object(path, path.read_bytes())
-    try:
-        return StoredLoop.model_validate(document)
-    except ValidationError as error:
-        raise FileFormatError(
-            f"{path} is damaged ({first_finding(error)}); delete it, and `procam refine` makes it again"
-        ) from error
+    return checked(StoredLoop, document, path, "delete it, and `procam refine` makes it again")

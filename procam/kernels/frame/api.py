@@ -16,7 +16,7 @@ from procam.kernels.frame import reference
 from procam.kernels.frame.coding import Coding
 from procam.kernels.frame.grid import CHANNELS, POSITIONS, STRIP
 from procam.kernels.frame.model import TERMS, FrameModel, padded, zeros_to_pad
-from procam.kernels.native.arrays import aligned, aligned_like, numbers, pointer
+from procam.kernels.native.arrays import aligned, aligned_empty, numbers, pointer
 from procam.kernels.native.loader import LANES, chosen
 
 KINDS = {np.dtype(t): n for n, t in enumerate((np.uint8, np.uint16, np.float32, np.float16))}
@@ -122,7 +122,7 @@ def frame_apply(
     if sums is not None:
         _check_out(sums, (CHANNELS, model.terms), np.float64, "sums")
     picture = aligned(image)
-    target = aligned_like(picture) if out is None else out
+    target = aligned_empty(picture.shape, picture.dtype) if out is None else out
     native = chosen()
     if native is None:
         found = reference.frame_sums(model, picture, light, "light", coding)

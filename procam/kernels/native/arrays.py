@@ -23,14 +23,6 @@ def kind_of(array: AnyArray, what: str) -> int:
     return KINDS[array.dtype]
 
 
-def check_like(array: AnyArray, model: AnyArray, dtype: Any, what: str) -> None:
-    """Refuse an array of another shape or element type."""
-    if array.shape != model.shape:
-        raise ShapeError(what, array.shape, f"{model.shape}")
-    if array.dtype != dtype:
-        raise InputError(f"{what}: it is {array.dtype}; {np.dtype(dtype)} is needed")
-
-
 def check_numbers(found: AnyArray, shape: tuple[int | None, ...], what: str) -> None:
     """Refuse arrays of another shape, in which None is any length, or not of real numbers.
 
@@ -64,7 +56,10 @@ def check_frames(frames: Sequence[AnyArray], least: int, most: int) -> list[AnyA
     found = [np.asarray(frame) for frame in frames]
     kind_of(found[0], "frame 0")
     for k, frame in enumerate(found):
-        check_like(frame, found[0], found[0].dtype, f"frame {k}")
+        if frame.shape != found[0].shape:
+            raise ShapeError(f"frame {k}", frame.shape, f"{found[0].shape}")
+        if frame.dtype != found[0].dtype:
+            raise InputError(f"frame {k}: it is {frame.dtype}; {found[0].dtype} is needed")
     return found
 
 
@@ -90,48 +85,19 @@ def pointers(arrays: Sequence[AnyArray | None]) -> Any:
     return (ctypes.c_void_p * len(arrays))(*(pointer(array) for array in arrays))
 
 
-def planes(shape: tuple[int, ...], count: int) -> list[Array32]:
-    """Empty float32 arrays that begin on a cache line."""
-    size = int(np.prod(shape, dtype=int))
-    stride = -(-size * 4 // LINE) * LINE
-    room = [np.empty(stride + LINE, np.uint8) for _ in range(count)]
-    starts = [-block.ctypes.data % LINE for block in room]
-    return [
-        block[start : start + size * 4].view(np.float32).reshape(shape)
-        for block, start in zip(room, starts, strict=True)
-    ]
-
-
-def result_planes(
-    out: Sequence[Array32 | None] | None, wanted: Sequence[str], shape: tuple[int, ...]
-) -> list[Array32]:
-    """Arrays to write results to: those of `out` after a check, or new ones."""
-    if out is None:
-        return planes(shape, len(wanted))
-    given = [array for array in out if array is not None]
-    if len(given) != len(wanted):
-        raise InputError(
-            f"out: {len(given)} arrays were given; {len(wanted)} are needed: {', '.join(wanted)}"
-        )
-    for array, name in zip(given, wanted, strict=True):
-        check_like(array, np.broadcast_to(np.float32(0), shape), np.float32, f"out {name}")
-        if not (array.flags.c_contiguous and array.flags.aligned and array.flags.writeable):
-            raise InputError(f"out {name}: a writable, contiguous, aligned array is needed")
-    return given
-
-
 def bytes_of_floats(table: Array32) -> AnyArray:
     """A table (256,) split into four of its bytes (4, 256), for AVX-512."""
-    split = aligned_like(np.empty((table.itemsize, len(table)), np.uint8))
+    split = aligned_empty((table.itemsize, len(table)), np.uint8)
     split[...] = table.view(np.uint8).reshape(-1, table.itemsize).T
     return split
 
 
-def aligned_like(picture: AnyArray) -> AnyArray:
-    """An empty picture that begins on a cache line, so that writes can pass the cache."""
-    room = np.empty(picture.nbytes + LINE, np.uint8)
+def aligned_empty(shape: tuple[int, ...], dtype: DTypeLike) -> AnyArray:
+    """An empty array that begins on a cache line, so that writes can pass the cache."""
+    size = int(np.prod(shape, dtype=int)) * np.dtype(dtype).itemsize
+    room = np.empty(size + LINE, np.uint8)
     start = -room.ctypes.data % LINE
-    return room[start : start + picture.nbytes].view(picture.dtype).reshape(picture.shape)
+    return room[start : start + size].view(dtype).reshape(shape)
 
 
 def least_colour(field: AnyArray) -> AnyArray:

@@ -18,7 +18,7 @@
 #endif
 
 enum { SEARCH_TILE = 1 << 11 }; /* pixels; multiples of a vector */
-enum { AREAS_TILE = 16 };                              /* rows */
+enum { NODES_TILE = 16 };                              /* rows of nodes */
 enum { RAYS_TILE = 1 << 12 };                          /* rays, observations */
 enum { WARP_TILE = 32 };                                /* rows: a band of warp.h */
 
@@ -61,10 +61,6 @@ static void run_tiles(task *run, int level, int threads, const void *job, size_t
 
 static void run_search(const struct level *level, const void *job, size_t first, size_t count) {
     level->search(job, first, count);
-}
-
-static void run_areas(const struct level *level, const void *job, size_t first, size_t count) {
-    level->areas(job, first, count);
 }
 
 static void run_bundle(const struct level *level, const void *job, size_t first, size_t count) {
@@ -122,12 +118,6 @@ EXPORT void procam_search(int level, int threads, int kind, size_t pixels,
     run_tiles(run_search, level, threads, &job, pixels, SEARCH_TILE);
 }
 
-EXPORT void procam_areas(int level, int threads, size_t rows, size_t columns,
-                         const double *const *corners, double *areas) {
-    const struct areas job = {columns, corners, areas};
-    run_tiles(run_areas, level, threads, &job, rows, AREAS_TILE);
-}
-
 /* Products (used, used) of the rows of `count` observations; `sums` (tiles, columns, columns, PARTIAL)
    holds those of each tile. */
 EXPORT void procam_bundle(int level, int threads, size_t count, const struct procam_bundle *setup,
@@ -171,7 +161,7 @@ EXPORT void procam_scattered(int level, int threads, int nodes, int terms, const
                           const float *ambient, const float *direction, const double *coefficients,
                           const double *offset, float *light) {
     const struct scattered job = {nodes, terms, spread, ambient, direction, coefficients, offset, light};
-    run_tiles(run_scattered, level, threads, &job, (size_t)nodes, AREAS_TILE);
+    run_tiles(run_scattered, level, threads, &job, (size_t)nodes, NODES_TILE);
 }
 
 EXPORT void procam_warp(int level, int threads, size_t rows, const struct procam_warp *job) {

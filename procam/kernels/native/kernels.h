@@ -35,12 +35,6 @@ struct search {
     float *const *results; /* position, variance, amplitude, offset, residual, margin */
 };
 
-struct areas {
-    size_t columns;               /* of cells */
-    const double *const *corners; /* rows of columns + 1 unit directions (x, y, z), one row more than of cells */
-    double *areas;                /* (rows, columns) */
-};
-
 enum { DEVICE_NUMBERS = 23 };                     /* rotation (3, 3), translation, lens (9), pupil (2) */
 enum { MOST_COLUMNS = 128, PARTIAL = 8 }; /* parameters of a bundle at most; partial sums of each product */
 
@@ -135,11 +129,10 @@ struct procam_warp {
     void *out;
 };
 
-/* Each handles `count` pixels (rays, observations) from `first` on; areas, scattered and warp rows,
+/* Each handles `count` pixels (rays, observations) from `first` on; scattered and warp rows,
    frame tasks. */
 struct level {
     void (*search)(const struct search *job, size_t first, size_t count);
-    void (*areas)(const struct areas *job, size_t first, size_t count);
     void (*bundle)(const struct bundle *job, size_t first, size_t count);
     void (*residuals)(const struct bundle *job, size_t first, size_t count);
     void (*rays)(const struct rays *job, size_t first, size_t count);

@@ -2,7 +2,6 @@
    kernel is compiled once per level from the same source. */
 #include "vector.h"
 
-#include "../areas/areas.h"
 #include "../frame/scattered.h"
 #include "../bundle/bundle.h"
 #include "../frame/values.h"

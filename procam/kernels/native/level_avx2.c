@@ -13,7 +13,7 @@
 #pragma GCC target("avx2,fma,f16c")
 #endif
 #include "level.h"
-const struct level procam_avx2 = {search, areas, bundle, residuals, rays, frame, scattered, warp};
+const struct level procam_avx2 = {search, bundle, residuals, rays, frame, scattered, warp};
 #ifdef __clang__
 #pragma clang attribute pop
 #endif

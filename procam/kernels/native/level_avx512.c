@@ -13,7 +13,7 @@
 #pragma GCC target("avx512f,avx512bw,avx512dq,avx512vl,avx512vbmi,avx2,fma,f16c,prefer-vector-width=512")
 #endif
 #include "level.h"
-const struct level procam_avx512 = {search, areas, bundle, residuals, rays, frame, scattered, warp};
+const struct level procam_avx512 = {search, bundle, residuals, rays, frame, scattered, warp};
 #ifdef __clang__
 #pragma clang attribute pop
 #endif

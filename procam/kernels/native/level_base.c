@@ -6,4 +6,4 @@
 #endif
 #define LANES 4
 #include "level.h"
-const struct level procam_base = {search, areas, bundle, residuals, rays, frame, scattered, warp};
+const struct level procam_base = {search, bundle, residuals, rays, frame, scattered, warp};

@@ -20,7 +20,6 @@ _INT, _SIZE, _ADDRESS = ctypes.c_int, ctypes.c_size_t, ctypes.c_void_p
 _DOUBLE = ctypes.c_double
 SIGNATURES = {  # level, threads, element type, pixels, ...
     "procam_search": [_INT, _INT, _INT, _SIZE, *[_ADDRESS] * 3],
-    "procam_areas": [_INT, _INT, _SIZE, _SIZE, _ADDRESS, _ADDRESS],  # rows, columns of cells
     "procam_bundle": [_INT, _INT, _SIZE, _ADDRESS, _INT, _SIZE, _ADDRESS, _ADDRESS],
     "procam_residuals": [_INT, _INT, _SIZE, _ADDRESS, _ADDRESS],
     "procam_rays": [_INT, _INT, _SIZE, _ADDRESS, _ADDRESS, _INT, _ADDRESS, _DOUBLE, _ADDRESS],

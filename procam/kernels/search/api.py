@@ -10,12 +10,12 @@ from numpy.typing import ArrayLike
 from procam.arrays import AnyArray, Array
 from procam.errors import InputError, ShapeError
 from procam.kernels.native.arrays import (
+    aligned_empty,
     check_frames,
     kind_of,
     plain,
     pointer,
     pointers,
-    result_planes,
 )
 from procam.kernels.native.loader import chosen
 from procam.kernels.search import reference
@@ -58,8 +58,6 @@ def search_phase(  # noqa: PLR0913, PLR0917
     base: int,
     length: float,
     steps: int = 2,
-    *,
-    out: PhaseFit | None = None,
 ) -> PhaseFit:
     """Projector coordinate x of every pixel from sinusoids of several periods (micro phase shifting).
 
@@ -77,7 +75,6 @@ def search_phase(  # noqa: PLR0913, PLR0917
     base : how many frames share the first period, at least 3.
     length : columns or rows of the panel [px]; x is looked for from -P/4 on.
     steps : Gauss-Newton steps.
-    out : float32 arrays to write to, instead of new ones.
 
     Returns
     -------
@@ -111,7 +108,7 @@ def search_phase(  # noqa: PLR0913, PLR0917
     terms = _checked(
         len(pictures), periods, shifts, modulation, harmonic, base=base, length=length, steps=steps
     )
-    fit = PhaseFit(*result_planes(out, PhaseFit._fields, pictures[0].shape))
+    fit = PhaseFit(*(aligned_empty(pictures[0].shape, np.float32) for _ in PhaseFit._fields))
     native = chosen()
     if native is None:
         _run_reference(pictures, terms, fit)

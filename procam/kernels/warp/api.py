@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from procam.arrays import AnyArray, Array, Array32, FloatArray
 from procam.errors import InputError, ShapeError
-from procam.kernels.native.arrays import KINDS, bytes_of_floats, plain, planes, pointer
+from procam.kernels.native.arrays import KINDS, aligned_empty, bytes_of_floats, plain, pointer
 from procam.kernels.native.loader import chosen
 from procam.kernels.warp import reference
 from procam.kernels.warp.reference import BAND, BLOCK, KNOTS, PACKED, PLACE, STRIP, TILE, WarpPlan
@@ -131,7 +131,7 @@ def warp_frame(
     [[[0.25, 0.25, 0.25], [0.0, 0.25, 0.5]]]
     """
     source = _checked_master(master)
-    frame = _empty((*plan.shape, 3), np.dtype(dtype)) if out is None else out
+    frame = aligned_empty((*plan.shape, 3), dtype) if out is None else out
     _check_frame(frame, plan)
     native = chosen()
     if native is None:
@@ -247,10 +247,3 @@ def _check_frame(frame: AnyArray, plan: WarpPlan) -> None:
         raise InputError(
             f"frame: {frame.dtype} needs a plan with drives; this one has none, so use float32"
         )
-
-
-def _empty(shape: tuple[int, ...], dtype: np.dtype[Any]) -> AnyArray:
-    """A new array that begins on a cache line."""
-    count = int(np.prod(shape))
-    (room,) = planes((-(-count * dtype.itemsize // 4),), 1)
-    return room.view(dtype)[:count].reshape(shape)

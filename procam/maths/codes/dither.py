@@ -24,8 +24,8 @@ def threshold_tile() -> Array32:
         return ((stored["ranks"] + np.float32(0.5)) / TILE**2).astype(np.float32)
 
 
-def dithered(values: FloatArray) -> NDArray[np.uint8]:
-    """Codes of a picture (H, W, C) with values 0..255, rounded by the thresholds; row 0 is the tile's."""
-    height, width = values.shape[:2]
-    tile = np.tile(threshold_tile(), (-(-height // TILE), -(-width // TILE)))
-    return np.minimum(values + tile[:height, :width, None], 255).astype(np.uint8)
+def dithered(values: FloatArray, thresholds: FloatArray | None = None) -> NDArray[np.uint8]:
+    """Codes of a picture (H, W, C) with values 0..255, rounded by thresholds; row 0 is the tile's."""
+    (height, width), tile = values.shape[:2], threshold_tile() if thresholds is None else thresholds
+    whole = np.tile(tile, (-(-height // TILE), -(-width // TILE)))[:height, :width, None]
+    return np.minimum(values + whole, 255).astype(np.uint8)

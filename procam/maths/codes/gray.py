@@ -8,15 +8,6 @@ from procam.arrays import AnyArray, BoolArray, FloatArray
 FOLD_BLOCK = 1 << 16  # pixels folded at a time: few enough to stay in the cache
 
 
-def bit_count(length: int) -> int:
-    """Number of bits that distinguish `length` columns or rows.
-
-    >>> bit_count(1280), bit_count(1024), bit_count(2)
-    (11, 10, 1)
-    """
-    return max(1, (length - 1).bit_length())
-
-
 def encode_gray(index: NDArray[np.integer]) -> NDArray[np.integer]:
     """Gray codewords of integers: those of neighbours differ in one bit.
 

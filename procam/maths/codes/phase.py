@@ -154,32 +154,28 @@ class WaveFit:
     residual: Array
 
 
-def fit_waves(
-    samples: Array, keep: BoolArray, waves: Waves, distortion: WaveDistortion, x: Array
-) -> WaveFit:
-    """Fit A + B (m cos t + h cos 2t) to the samples (n, K) that `keep` (n, K) selects, from x (n,).
+def fit_waves(samples: Array, waves: Waves, distortion: WaveDistortion, x: Array) -> WaveFit:
+    """Fit A + B (m cos t + h cos 2t) to samples (n, K), from x (n,).
 
     m and h are the modulation and the harmonics of the distortion.
     """
-    weight = keep.astype(float)
-    samples = np.where(keep, samples, 0.0)
     curve, _ = _curve(waves, distortion, x)
-    offset, amplitude = _line_fit(curve, samples, weight)
+    offset, amplitude = _line_fit(curve, samples)
     for _ in range(3):
         jacobian, error = _local_model(waves, distortion, x, offset, amplitude, samples)
-        normal = np.einsum("nki,nk,nkj->nij", jacobian, weight, jacobian)
-        step = _solve(normal, np.einsum("nki,nk,nk->ni", jacobian, weight, error))
+        normal = np.einsum("nki,nkj->nij", jacobian, jacobian)
+        step = _solve(normal, np.einsum("nki,nk->ni", jacobian, error))
         offset, amplitude, x = offset + step[:, 0], amplitude + step[:, 1], x + step[:, 2]
     jacobian, error = _local_model(waves, distortion, x, offset, amplitude, samples)
-    normal = np.einsum("nki,nk,nkj->nij", jacobian, weight, jacobian)
+    normal = np.einsum("nki,nkj->nij", jacobian, jacobian)
     variance = _solve(normal, np.broadcast_to([0.0, 0.0, 1.0], (len(x), 3)))[:, 2]
-    return WaveFit(x, variance, offset, amplitude, np.sum(weight * error**2, axis=1))
+    return WaveFit(x, variance, offset, amplitude, np.sum(error**2, axis=1))
 
 
 def search_columns(
-    samples: Array, keep: BoolArray, waves: Waves, distortion: WaveDistortion, length: int
+    samples: Array, waves: Waves, distortion: WaveDistortion, length: int
 ) -> tuple[WaveFit, Array]:
-    """Fits of the samples (n, K) that `keep` (n, K) selects, started from the best of all columns.
+    """Fits of samples (n, K), started from the best of all columns.
 
     The start is searched on a grid of half pixels, so no base is needed. The best few columns, more
     than half a period apart, are fitted. Waves of a single period are searched within that period.
@@ -189,14 +185,14 @@ def search_columns(
     fit : of the best column. margin : (n,) by which the second best fits worse [sum of squares];
         infinite without a second.
     """
-    start, gained = _best_columns(samples, keep, waves, distortion, length)
-    fit = fit_waves(samples, keep, waves, distortion, start[0])
+    start, gained = _best_columns(samples, waves, distortion, length)
+    fit = fit_waves(samples, waves, distortion, start[0])
     best = np.stack([getattr(fit, name) for name in FIT_PARTS])
     runner_up = np.full(len(samples), np.inf)
     for x, top in zip(start[1:], gained[1:], strict=True):
         other = np.where(top > 0, fit.residual + gained[0] - top, np.inf)
         close = np.flatnonzero(top > CLOSE * gained[0])
-        again = fit_waves(samples[close], keep[close], waves, distortion, x[close])
+        again = fit_waves(samples[close], waves, distortion, x[close])
         other[close] = again.residual
         won = again.residual < best[-1, close]
         other[close[won]] = best[-1, close[won]]
@@ -251,7 +247,7 @@ def _without(basis: Array, vector: Array) -> Array:
 
 
 def _best_columns(
-    samples: Array, keep: BoolArray, waves: Waves, distortion: WaveDistortion, length: int
+    samples: Array, waves: Waves, distortion: WaveDistortion, length: int
 ) -> tuple[Array, Array]:
     """Columns (C, n) of a grid that explain most of the samples, and how much (C, n) [sum of squares]."""
     count, end = (1, waves.periods[0]) if waves.single else (CANDIDATES, length)
@@ -259,15 +255,14 @@ def _best_columns(
     near = np.arange(-half, half + 1)  # half a period to either side
     curve, _ = _curve(waves, distortion, grid)
     start, gained = np.zeros((2, count, len(samples)))
-    for pattern in np.unique(keep, axis=0):
-        rows = np.flatnonzero((keep == pattern).all(axis=1))
-        for part in np.array_split(rows, max(1, rows.size * grid.size // GRID_CELLS)):
-            gain = _explained(samples[np.ix_(part, pattern)], curve[:, pattern])
-            every = np.arange(len(part))
-            for x, top in zip(start, gained, strict=True):
-                best = gain.argmax(axis=1)
-                x[part], top[part] = grid[best], gain[every, best]
-                gain[every[:, None], np.clip(best[:, None] + near, 0, grid.size - 1)] = 0.0
+    rows = np.arange(len(samples))
+    for part in np.array_split(rows, max(1, rows.size * grid.size // GRID_CELLS)):
+        gain = _explained(samples[part], curve)
+        every = np.arange(len(part))
+        for x, top in zip(start, gained, strict=True):
+            best = gain.argmax(axis=1)
+            x[part], top[part] = grid[best], gain[every, best]
+            gain[every[:, None], np.clip(best[:, None] + near, 0, grid.size - 1)] = 0.0
     return start, gained
 
 
@@ -295,13 +290,12 @@ def _local_model(
     return jacobian, samples - offset[:, None] - amplitude[:, None] * value
 
 
-def _line_fit(curve: Array, samples: Array, weight: Array) -> tuple[Array, Array]:
-    """Offset and amplitude (n,) of samples on a known curve, all (n, K)."""
-    total = weight.sum(axis=1)
-    mean_c, mean_s = (weight * curve).sum(1) / total, (weight * samples).sum(1) / total
+def _line_fit(curve: Array, samples: Array) -> tuple[Array, Array]:
+    """Offset and amplitude (n,) of samples on a known curve, both (n, K)."""
+    mean_c, mean_s = curve.mean(axis=1), samples.mean(axis=1)
     centred = curve - mean_c[:, None]
-    power = np.maximum((weight * centred**2).sum(axis=1), 1e-12)
-    amplitude = (weight * centred * samples).sum(axis=1) / power
+    power = np.maximum((centred**2).sum(axis=1), 1e-12)
+    amplitude = (centred * samples).sum(axis=1) / power
     return mean_s - amplitude * mean_c, amplitude
 
 

@@ -7,8 +7,6 @@ one, the photograph is rendered in 8 bits in several ways, the fastest first, un
 """
 
 from collections.abc import Iterator
-from functools import cache
-from typing import Any
 
 import cv2
 import numpy as np
@@ -16,9 +14,10 @@ from numpy.typing import NDArray
 
 from procam.arrays import AnyArray, BoolArray, Image
 from procam.errors import InputError
+from procam.maths.codes.april_tags import find_tags, tag_cells
 
 Picture = NDArray[np.uint8]
-SHOT_ID_COUNT = 587  # tags in the family
+FAMILY, SHOT_ID_COUNT = "36h11", 587  # tags in the family
 TAG_CELLS, QUIET_CELLS, DIGIT_CELLS = 8, 1, 3
 CENTRES = (
     (0.5, 0.5),
@@ -37,10 +36,8 @@ DIGITS = (
 )
 LARGE_PHOTO_PX = 2400  # a larger photograph is reduced first, which is faster and averages noise
 SMALLEST_TAG_PX = 12.0  # edge, in the photograph
-WINDOWS_PX = (7, 47, 20)  # of the adaptive threshold: smallest, largest, step
 SHARPEN, SHARPEN_PX = 2.0, 2.5
 DENOISE_PX = 0.7
-CORRECTED_SHARE = 0.4  # of the 5 bits that the family can correct: 2 wrong bits are accepted
 
 
 def shot_id_blocks(
@@ -117,7 +114,7 @@ def read_shot_id(photo: AnyArray) -> int | None:
     grey = np.asarray(photo, np.float32)
     grey = grey.mean(axis=2) if grey.ndim == 3 else grey
     for picture in _versions(grey):
-        found = _detected(picture)
+        found = {n for n, _ in find_tags(picture, FAMILY, least_px=SMALLEST_TAG_PX)}
         if found:
             return found.pop() if len(found) == 1 else None
     return None
@@ -127,14 +124,9 @@ def _cell_px(size: tuple[int, int], cells: int) -> int:
     return max(SMALLEST_CELL_PX, round(min(size) / cells))
 
 
-@cache
-def _family() -> Any:
-    return cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
-
-
 def _block(number: int, cell: int) -> BoolArray:
     """Bright pixels of a block: the tag, its quiet zone and the digits below."""
-    tag = cv2.aruco.generateImageMarker(_family(), number, TAG_CELLS) > 0
+    tag = tag_cells(FAMILY, number)
     block = np.pad(np.kron(tag, np.ones((cell, cell), bool)), cell, constant_values=True)
     below = np.ones((DIGIT_CELLS * cell, block.shape[1]), bool)
     dot = cell // 2
@@ -170,16 +162,3 @@ def _rendered(grey: Image, exponent: float) -> Picture:
     tone = np.clip((smooth - low) / max(float(high - low), 1e-9), 0, 1) ** exponent
     tone += SHARPEN * (tone - cv2.GaussianBlur(tone, (0, 0), SHARPEN_PX))
     return np.asarray(255 * np.clip(tone, 0, 1), np.uint8)
-
-
-def _detected(picture: Picture) -> set[int]:
-    settings = cv2.aruco.DetectorParameters()
-    settings.adaptiveThreshWinSizeMin, settings.adaptiveThreshWinSizeMax = WINDOWS_PX[:2]
-    settings.adaptiveThreshWinSizeStep = WINDOWS_PX[2]
-    settings.adaptiveThreshConstant = 5
-    # without this limit every speck of noise is tried as a tag, which takes seconds per photograph
-    settings.minMarkerPerimeterRate = 4 * SMALLEST_TAG_PX / max(picture.shape)
-    settings.errorCorrectionRate = CORRECTED_SHARE
-    settings.perspectiveRemovePixelPerCell = 8
-    _, numbers, _ = cv2.aruco.ArucoDetector(_family(), settings).detectMarkers(picture)
-    return set() if numbers is None else {int(n) for n in numbers.ravel()}

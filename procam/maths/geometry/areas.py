@@ -1,14 +1,13 @@
-"""Solid angles and areas of a panel's pixels on the screen."""
+"""Solid angles of a panel's pixels on the screen."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 import numpy as np
 
 from procam.arrays import Array
-from procam.kernels import solid_angles
 
 PanelField = Callable[[Array, Array], Array]
-BLOCK = 1 << 16  # corners evaluated at a time
+BLOCK = 1 << 14  # corners at a time, whose intermediate arrays stay in the cache
 
 
 def panel_solid_angles(size: tuple[int, int], directions: PanelField) -> Array:
@@ -28,49 +27,42 @@ def panel_solid_angles(size: tuple[int, int], directions: PanelField) -> Array:
     pixels wide, 6e-7 for 1024 (docs/theory/geometry.md (G3)).
     """
     width, height = size
-    return solid_angles(_corner_blocks(size, directions), (height, width))
-
-
-def panel_areas(size: tuple[int, int], points: PanelField) -> Array:
-    """Areas (H, W) [m^2] of the pixels of a panel of `size` (W, H) on a screen of any shape.
-
-    `points` returns the points (len(y), len(x), 3) [m] where the panel's points (x, y) [px] meet the
-    screen, as `directions` of `panel_solid_angles` does.
-    """
-    width, height = size
-    areas = np.empty((height, width))
-    done, last = 0, np.empty((0, width + 1, 3))
-    for block in _corner_blocks(size, points):
-        rows = np.concatenate([last, block])
-        areas[done : done + len(rows) - 1] = quad_areas(rows)
-        done, last = done + len(rows) - 1, rows[-1:]
+    x, y = (np.arange(-0.5, n + 0.5) for n in size)
+    rows, done = max(1, BLOCK // (width + 1)), 0
+    areas, last = np.empty((height, width)), np.empty((3, 0, width + 1))
+    for first in range(0, height + 1, rows):
+        block = np.moveaxis(directions(x, y[first : first + rows]), -1, 0)
+        corners = np.concatenate([last, block], axis=1)
+        end = done + corners.shape[1] - 1
+        areas[done:end] = _cell_solid_angles(corners)
+        done, last = end, corners[:, -1:]
     return areas
 
 
-def quad_areas(corners: Array) -> Array:
-    """Areas (H, W) [m^2] of the cells of a grid of points (H + 1, W + 1, 3) [m] on a surface.
+def _cell_solid_angles(corners: Array) -> Array:
+    """Solid angles (h, w) [sr] of the cells of a grid of unit directions (3, h + 1, w + 1), unsigned.
 
-    Two flat triangles per cell: exact on a plane; on a surface with radius of curvature r, the area
-    of a cell with diagonal d is low by about (d / r)^2 / 12. NaN corners give NaN.
-
-    >>> corners = np.array([[[0.0, 0, 5], [2, 0, 5]], [[0, 3, 5], [2, 3, 5]]])
-    >>> print(quad_areas(corners))
-    [[6.]]
+    Two great-circle triangles per cell (docs/theory/geometry.md (G3): Van Oosterom & Strackee 1983,
+    doi:10.1109/TBME.1983.325207). The triple products use edge differences, which avoids cancellation for
+    small cells.
     """
-    start, opposite = corners[:-1, :-1], corners[1:, 1:]
-    upper = _triangle_areas(corners[:-1, 1:] - start, opposite - start)
-    return upper + _triangle_areas(opposite - start, corners[1:, :-1] - start)
+    a, b = corners[:, :-1, :-1], corners[:, :-1, 1:]
+    d, c = corners[:, 1:, :-1], corners[:, 1:, 1:]
+    right, across, down = b - a, c - a, d - a
+    diagonal = 1 + _dot(a, c)
+    upper = np.arctan2(_triple(a, right, across), diagonal + _dot(a, b) + _dot(b, c))
+    lower = np.arctan2(_triple(a, across, down), diagonal + _dot(a, d) + _dot(d, c))
+    return np.asarray(2 * np.abs(upper + lower))
 
 
-def _triangle_areas(first: Array, second: Array) -> Array:
-    """Areas (...) of the triangles between edges (..., 3)."""
-    return np.asarray(np.linalg.norm(np.cross(first, second), axis=-1)) / 2
+def _dot(a: Array, b: Array) -> Array:
+    return np.asarray(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
 
 
-def _corner_blocks(size: tuple[int, int], field: PanelField) -> Iterator[Array]:
-    """A field at the corners of a panel's pixels, some rows (n, W + 1, 3) at a time."""
-    width, height = size
-    x, y = (np.arange(-0.5, n + 0.5, dtype=np.float64) for n in size)
-    rows = max(1, BLOCK // (width + 1))
-    for first in range(0, height + 1, rows):
-        yield field(x, y[first : first + rows])
+def _triple(a: Array, b: Array, c: Array) -> Array:
+    """A . (b x c)."""
+    return np.asarray(
+        a[0] * (b[1] * c[2] - b[2] * c[1])
+        + a[1] * (b[2] * c[0] - b[0] * c[2])
+        + a[2] * (b[0] * c[1] - b[1] * c[0])
+    )

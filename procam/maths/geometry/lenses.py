@@ -10,8 +10,8 @@ from typing import Literal
 import numpy as np
 
 from procam.arrays import Array
-from procam.kernels.bundle import fisheye_rays
-from procam.kernels.bundle.lenses import fisheye_radius
+from procam.kernels.bundle.lenses import fisheye_radius, project_slopes
+from procam.kernels.bundle.rays import fisheye_rays
 
 LensKind = Literal["brown", "kannala-brandt"]
 NEWTON_STEPS = 12
@@ -37,6 +37,16 @@ class Lens:
     distortion: Array
 
 
+def lens_parameters(lens: Lens) -> Array:
+    """Focal lengths x, y and centre x, y [px], then distortion [-]: (9,) Brown, (8,) fisheye."""
+    return np.concatenate([lens.focal, lens.centre, lens.distortion])
+
+
+def lens_of_parameters(lens: Lens, parameters: Array) -> Lens:
+    """The inverse of `lens_parameters`, for a lens of the kind of `lens`."""
+    return Lens(lens.kind, parameters[:2], parameters[2:4], parameters[4:])
+
+
 def project(points: Array, lens: Lens) -> Array:
     """Pixels (..., 2) of points (..., 3) in the device's frame; NaN behind a pinhole."""
     if lens.kind == "brown":
@@ -47,6 +57,15 @@ def project(points: Array, lens: Lens) -> Array:
     safe = np.where(horizontal > 0, horizontal, 1.0)
     scale = np.where(horizontal > 0, fisheye_radius(theta, lens.distortion) / safe, 0.0)
     return np.stack([x * scale, y * scale], axis=-1) * lens.focal + lens.centre
+
+
+def project_with_derivatives(points: Array, lens: Lens) -> tuple[Array, Array, Array]:
+    """`project` of points (N, 3), and its derivatives.
+
+    By the point's coordinates (N, 2, 3) [px/m], and by `lens_parameters` (N, 2, P).
+    """
+    _, by_point, by_parameter = project_slopes(points, lens.kind, lens_parameters(lens))
+    return project(points, lens), by_point, by_parameter
 
 
 def project_before_fold(points: Array, lens: Lens) -> Array:
@@ -62,7 +81,7 @@ def project_before_fold(points: Array, lens: Lens) -> Array:
 def unproject(pixels: Array, lens: Lens) -> Array:
     """Unit rays (..., 3) of pixels (..., 2), in the device's frame."""
     if lens.kind == "kannala-brandt":
-        return fisheye_rays(pixels, np.concatenate([lens.focal, lens.centre, lens.distortion]))
+        return fisheye_rays(pixels, lens_parameters(lens))
     undistorted = _undistort_brown((pixels - lens.centre) / lens.focal, lens.distortion)
     ray = np.concatenate([undistorted, np.ones_like(undistorted[..., :1])], axis=-1)
     return np.asarray(ray / np.linalg.norm(ray, axis=-1, keepdims=True))

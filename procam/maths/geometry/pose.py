@@ -39,6 +39,11 @@ class Pose:
         """The inverse motion: `p.inverse().apply(p.apply(x)) == x`."""
         return Pose(self.rotation.T, -self.rotation.T @ self.translation)
 
+    def moved(self, x: Array) -> "Pose":
+        """The pose of a device that is turned by the vector x[:3] [rad] and then shifted by x[3:6] [m]."""
+        turn = rotation_matrix(x[:3])
+        return Pose(turn @ self.rotation, turn @ self.translation + x[3:6])
+
     @property
     def origin(self) -> Array:
         """Position (3,) [m] of the device in the frame that the pose maps from."""

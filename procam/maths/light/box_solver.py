@@ -15,48 +15,12 @@ HALVINGS = 12
 TINY = 1e-12
 
 
-def solve_flux(
-    target: Array, scatter_per_flux: Array, solid_angle_sr: Array, lo: Array, hi: Array
-) -> float:
-    """Direct flux F [rel sr] that solves sum a clip(t - u F, lo, hi) = F, for one channel.
-
-    All arrays (N,). This is (C2) for K = 1. The left side less F is piecewise linear and strictly
-    decreasing, so the root is unique and a Newton step lands on the root of the current linear
-    segment; bisection is the fallback. Every patch that is not clipped is exact.
-
-    Raises
-    ------
-    DidNotConverge
-        If the flux still changes after `MAX_STEPS` steps.
-    """
-    low, high = float(solid_angle_sr @ lo), float(solid_angle_sr @ hi)
-    value = float(np.clip(solid_angle_sr @ target, low, high))
-    for _ in range(MAX_STEPS):
-        wanted = target - scatter_per_flux * value
-        residual = float(solid_angle_sr @ np.clip(wanted, lo, hi)) - value
-        if residual > 0:
-            low = value
-        else:
-            high = value
-        free = (wanted > lo) & (wanted < hi)
-        slope = 1.0 + float(solid_angle_sr[free] @ scatter_per_flux[free])
-        following = value + residual / slope
-        if not low <= following <= high:
-            following = (low + high) / 2
-        if abs(following - value) <= 1e-12 * max(high, 1e-300) or low == high:
-            return following
-        value = following
-    raise DidNotConverge(
-        f"exact compensation: the flux still changes after {MAX_STEPS} steps (between {low:.6g} and "
-        f"{high:.6g}); check scatter_per_flux for negative or non-finite values"
-    )
-
-
 def solve_moments(target: Array, spread: Array, collect: Array, lo: Array, hi: Array) -> Array:
     """Moments M (K,) that solve V^T clip(t - U M, lo, hi) = M, for one channel.
 
-    This is (C2) with `spread` U (N, K) and `collect` V (N, K); `solve_flux` is K = 1. The Jacobian is
-    I + V_F^T U_F over the patches F that are not clipped; a step is halved until it reduces the residual.
+    This is (C2) with `spread` U (N, K) and `collect` V (N, K); K = 1 is the flux of a bare sphere. The
+    Jacobian is I + V_F^T U_F over the patches F that are not clipped; a step is halved until it reduces
+    the residual.
 
     Raises
     ------

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from scipy.sparse import bsr_array
 
 from procam.arrays import Array, Array32, BoolArray, FloatArray, IndexArray
 from procam.maths.mesh.clusters import Clusters, children
@@ -58,19 +57,42 @@ class Level:
 
 
 @dataclass(frozen=True, slots=True)
+class Near:
+    """Exchange areas of leaves that are near each other, or see a part of each other.
+
+    Attributes
+    ----------
+    blocks : (K, m, m) [m^2], of slots of one leaf and of another or the same one, whose block is halved.
+    starts : (2^depth + 1,) first block of each leaf, as the other. one : (K,) the first leaf.
+    """
+
+    blocks: Array32
+    starts: IndexArray
+    one: IndexArray
+
+    def add(self, light: Array32, result: Array32) -> None:
+        """Add what the blocks make of light (2^depth, m, C) to a result of that shape, either way."""
+        leaves, slots, colours = light.shape
+        for leaf in range(leaves):
+            here = slice(self.starts[leaf], self.starts[leaf + 1])
+            rows, one = self.blocks[here].reshape(-1, slots), self.one[here]
+            result[leaf] += rows.T @ light[one].reshape(-1, colours)
+            result[one] += (rows @ light[leaf]).reshape(-1, slots, colours)
+
+
+@dataclass(frozen=True, slots=True)
 class CompressedFactors:
     """Form factors between N faces, compressed.
 
     Attributes
     ----------
-    area : (N,) [m^2]. face : (S,) of each slot of the tree; -1 for none. levels : far blocks.
-    near : (S, S) exchange areas [m^2] of the leaves that are near each other.
+    area : (N,) [m^2]. face : (S,) of each slot of the tree; -1 for none. levels, near : blocks.
     """
 
     area: Array
     face: IndexArray
     levels: Sequence[Level]
-    near: bsr_array
+    near: Near
 
     def gather(self, light: FloatArray) -> Array32:
         """F b (N, C): the mean over all directions of the light (N, C) that a face sees."""
@@ -85,10 +107,11 @@ class CompressedFactors:
         used = self.face >= 0
         slots = np.zeros((len(self.face), light.shape[1]), np.float32)
         slots[used] = light[self.face[used]]
-        result = np.asarray(self.near @ slots, np.float32)
-        for level in self.levels:
-            parts = (len(level.starts) - 1, -1, light.shape[1])
-            level.add(slots.reshape(parts), result.reshape(parts))
+        result = np.zeros_like(slots)
+        parts: list[Level | Near] = [*self.levels, self.near]
+        for part in parts:
+            shape = (len(part.starts) - 1, -1, light.shape[1])
+            part.add(slots.reshape(shape), result.reshape(shape))
         out = np.empty((len(self.area), light.shape[1]), np.float32)
         out[self.face[used]] = result[used]
         return out
@@ -96,7 +119,7 @@ class CompressedFactors:
     @property
     def nbytes(self) -> int:
         """Memory of the factors."""
-        return sum(level.rows.nbytes for level in self.levels) + self.near.data.nbytes
+        return sum(level.rows.nbytes for level in self.levels) + self.near.blocks.nbytes
 
 
 def compressed_factors(
@@ -126,7 +149,7 @@ def compressed_factors(
         if depth < tree.depth:
             pairs = children(pairs)
         progress((depth + 1) / (tree.depth + 2))
-    near = _near(exchange, tree, pairs)
+    near = _near(exchange, tree.members(tree.depth), pairs)
     progress(1.0)
     return CompressedFactors(exchange.area, tree.face, levels, near)
 
@@ -212,25 +235,23 @@ def _level(blocks: Sequence[_Blocks], clusters: int, slots: int) -> Level:
     return Level(np.concatenate(rows)[order], starts, place[np.concatenate(partner)[order]])
 
 
-def _near(exchange: Exchange, tree: Clusters, pairs: IndexArray) -> bsr_array:
-    """Exchange areas of leaves that are near each other, or see a part of each other."""
-    members = tree.members(tree.depth)
+def _near(exchange: Exchange, members: IndexArray, pairs: IndexArray) -> Near:
+    """Blocks of pairs (P, 2) of leaves; those of nothing are left out."""
+    pairs = pairs[np.argsort(pairs[:, 1], kind="stable")]
     step = max(1, ENTRIES // members.shape[1] ** 2)
     parts = [pairs[at : at + step] for at in range(0, len(pairs), step)]
-
-    def work(some: IndexArray) -> tuple[IndexArray, Array32]:
-        first, second = members[some.T]
-        block = exchange.between(first[:, :, None], second[:, None])
-        lit = block.any(axis=(1, 2))
-        return some[lit], block[lit]
-
     with ThreadPool(WORKERS) as pool:
-        which, blocks = zip(*pool.map(work, parts), strict=True)
-    one, data = np.concatenate(which), np.concatenate(blocks)
-    twice = one[:, 0] != one[:, 1]
-    both = np.concatenate([one, one[twice][:, ::-1]])
-    data = np.concatenate([data, np.swapaxes(data[twice], 1, 2)])
-    order = np.lexsort(both.T[::-1])
-    starts = np.searchsorted(both[order, 0], np.arange(len(members) + 1))
-    size = 2 * (len(tree.face),)
-    return bsr_array((data[order], both[order, 1], starts), shape=size)
+        which, blocks = zip(*pool.map(partial(_blocks, exchange, members), parts), strict=True)
+    pairs = np.concatenate(which)
+    starts = np.searchsorted(pairs[:, 1], np.arange(len(members) + 1))
+    return Near(np.concatenate(blocks), starts, pairs[:, 0])
+
+
+def _blocks(
+    exchange: Exchange, members: IndexArray, pairs: IndexArray
+) -> tuple[IndexArray, Array32]:
+    first, second = members[pairs.T]
+    block = exchange.between(first[:, :, None], second[:, None])
+    block[pairs[:, 0] == pairs[:, 1]] /= 2
+    lit = block.any(axis=(1, 2))
+    return pairs[lit], block[lit]

@@ -125,7 +125,7 @@ class SessionImages:
 
     def stripe_counts(self, projector: str) -> Iterator[tuple[Counts, Counts]]:
         """Green counts (H, W) of each stripe pattern for the separation, and of its inverse [DN]."""
-        for pattern, inverse in self._pairs(projector):
+        for _, _, pattern, inverse in self.stripes(projector):
             yield self.counts(pattern), self.counts(inverse)
 
     def counts(self, shot: Shot, exposure: int = 0) -> Counts:
@@ -153,10 +153,6 @@ class SessionImages:
 
     def stripes(self, projector: str) -> Iterator[tuple[str, int, Shot, Shot]]:
         """(axis, bit, shot of the pattern, shot of its inverse) of the stripes."""
-        for pattern, inverse in self._pairs(projector):
-            yield str(pattern.detail["axis"]), int(pattern.detail["bit"]), pattern, inverse
-
-    def _pairs(self, projector: str) -> Iterator[tuple[Shot, Shot]]:
         shots = self.plan.of(projector, "stripes")
         for pattern, inverse in zip(shots[::2], shots[1::2], strict=True):
             same = all(pattern.detail[k] == inverse.detail[k] for k in ("axis", "bit"))
@@ -165,7 +161,7 @@ class SessionImages:
                     f"{self.session.directory / 'plan.json'}: shots {pattern.id} and {inverse.id} "
                     "are not a pattern and its inverse; restore the file"
                 )
-            yield pattern, inverse
+            yield str(pattern.detail["axis"]), int(pattern.detail["bit"]), pattern, inverse
 
 
 def _green(frame: Frame) -> Counts:

@@ -12,11 +12,17 @@ import numpy as np
 
 from procam.arrays import Array, Image
 from procam.errors import NotEnoughData
-from procam.estimate import projector_tests as estimate
 from procam.estimate.camera.checks import response_exponent
 from procam.estimate.camera.exposure import green
 from procam.estimate.camera.noise import NoiseLaw, noise_from_repeat
-from procam.estimate.projector_tests import Effect, Patches, PatchLight
+from procam.estimate.projector_tests import analysis
+from procam.estimate.projector_tests.analysis import Effect
+from procam.estimate.projector_tests.patches import (
+    Patches,
+    PatchLight,
+    direct_light,
+    find_patches,
+)
 from procam.estimate.projector_tests.patterns import (
     BRIGHT_LEVELS,
     DARK_LEVELS,
@@ -137,8 +143,8 @@ class BehaviourTest:
         effects += self._coloured(patches, pairs[0], noise, moved)
         bright, dark = self._steps(patches, pairs[0], noise)
         effects += [
-            estimate.clipped_white(bright, STEP_LIMIT),
-            estimate.clipped_black(dark, STEP_LIMIT),
+            analysis.clipped_white(bright, STEP_LIMIT),
+            analysis.clipped_black(dark, STEP_LIMIT),
         ]
         if patches.scale < LEAST_CAMERA_PX:
             untested.append(COARSE.format(patches.scale))
@@ -151,7 +157,7 @@ class BehaviourTest:
         """Where the patches are."""
         first, second, *bits = (self._green(n) for n in ("first", "second", "bit-1", "bit-2"))
         span = self._green("white") - self._green("black")
-        return estimate.find_patches((first, second), bits, span, noise, self.layout)
+        return find_patches((first, second), bits, span, noise, self.layout)
 
     def _pair(self, patches: Patches, noise: NoiseLaw, load: str) -> Pair:
         """Light of patches in complementary pictures, with some light elsewhere."""
@@ -162,52 +168,52 @@ class BehaviourTest:
 
     def _unsteady(self, patches: Patches, pairs: list[Pair], noise: NoiseLaw) -> Iterator[Effect]:
         """Light that changes with the picture, or with the one before it."""
-        alone, half, full = (estimate.direct_light(pair) for pair in pairs)
-        yield estimate.load_effect("load-half", half, alone, LOAD_LIMIT)
-        yield estimate.load_effect("load-full", full, alone, LOAD_LIMIT)
+        alone, half, full = (direct_light(pair) for pair in pairs)
+        yield analysis.load_effect("load-half", half, alone, LOAD_LIMIT)
+        yield analysis.load_effect("load-full", full, alone, LOAD_LIMIT)
         if "after-black" in self.frames:
             before, after = (self._light(patches, n, noise) for n in ("white", "after-black"))
-            yield estimate.load_effect("white-after-black", before, after, AFTER_BLACK_LIMIT)
+            yield analysis.load_effect("white-after-black", before, after, AFTER_BLACK_LIMIT)
 
     def _changing(
         self, patches: Patches, pair: Pair, noise: NoiseLaw, moved: float
     ) -> Iterator[Effect]:
         """What is left of the first picture of the pair in the second, as it comes up."""
-        direct = estimate.direct_light(pair)
+        direct = direct_light(pair)
         for name in map(after_change, CHANGE_S):
             early = self._light(patches, name, noise)
-            yield estimate.persistence_effect(early, pair[1], direct, REMNANT_LIMIT + moved, name)
+            yield analysis.persistence_effect(early, pair[1], direct, REMNANT_LIMIT + moved, name)
 
     def _coloured(
         self, patches: Patches, pair: Pair, noise: NoiseLaw, moved: float
     ) -> tuple[Effect, Effect]:
         """Whether primaries and secondaries add up to white."""
         colours = [self._light(patches, f"colour-{i}", noise) for i in range(3)]
-        return estimate.colour_effects(colours, pair, COLOUR_LIMIT + moved)
+        return analysis.colour_effects(colours, pair, COLOUR_LIMIT + moved)
 
     def _steps(
         self, patches: Patches, pair: Pair, noise: NoiseLaw
-    ) -> tuple[estimate.Steps, estimate.Steps]:
+    ) -> tuple[analysis.Steps, analysis.Steps]:
         """Light of steps near white, and of steps near black, which are photographed longer."""
         black, bright, dark = (
             self._light(patches, name, noise) for name in ("black", "bright-steps", "dark-steps")
         )
         return (
-            estimate.step_light(BRIGHT_LEVELS, bright, pair, black),
-            estimate.step_light(DARK_LEVELS, dark, pair, black),
+            analysis.step_light(BRIGHT_LEVELS, bright, pair, black),
+            analysis.step_light(DARK_LEVELS, dark, pair, black),
         )
 
     def _fine(
-        self, patches: Patches, noise: NoiseLaw, bright: estimate.Steps, moved: float
+        self, patches: Patches, noise: NoiseLaw, bright: analysis.Steps, moved: float
     ) -> Iterator[Effect]:
         """Fine stripes."""
         white, black = self._green("white"), self._green("black")
-        view = estimate.StripedView(white, black, noise, patches.largest_px)
+        view = analysis.StripedView(white, black, noise, patches.largest_px)
         full, grey = (view.power(self._green(name)) for name in ("stripes", "grey-stripes"))
-        yield estimate.sharpness_effect(grey, full, bright, SHARPNESS_LIMIT + moved)
+        yield analysis.sharpness_effect(grey, full, bright, SHARPNESS_LIMIT + moved)
         if patches.scale >= LEAST_CAMERA_PX:
             rising = view.power(self._green("rising-stripes"))
-            yield estimate.slant_effect(full, rising, SLANT_LIMIT + moved)
+            yield analysis.slant_effect(full, rising, SLANT_LIMIT + moved)
 
     def _green(self, name: str) -> Array:
         """Signals (H, W) of the green channel above black level, as if exposed like white [DN]."""

@@ -3,7 +3,8 @@
 import numpy as np
 
 from procam.estimate.projector_tests.patterns import PatchLayout
-from procam.files.venue.load import CaptureTable, Venue
+from procam.files.venue.load import Venue
+from procam.files.venue.tables import CaptureTable
 from procam.model.optics import CameraModel
 from procam.workflows.doctor.behaviour import (
     HALF,
@@ -14,7 +15,7 @@ from procam.workflows.doctor.behaviour import (
 )
 from procam.workflows.doctor.findings import Diagnosis, judge_behaviour
 from procam.workflows.photographs.driven import Photographer, Wanted
-from procam.workflows.photographs.hand_photographer import HandPhotographer
+from procam.workflows.photographs.open import HandPhotographer
 
 
 def examine_behaviour_by_hand(

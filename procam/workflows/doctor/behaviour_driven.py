@@ -7,7 +7,7 @@ import numpy as np
 from procam.arrays import Image
 from procam.estimate.camera.exposure import meter
 from procam.estimate.projector_tests.patterns import PatchLayout
-from procam.files.venue.load import CaptureTable
+from procam.files.venue.tables import CaptureTable
 from procam.model.frame import Frame
 from procam.workflows.doctor.behaviour import (
     CHANGE_S,

@@ -29,7 +29,7 @@ from procam.estimate.camera.exposure import (
     plan_exposures,
 )
 from procam.estimate.camera.noise import NoiseLaw, noise_from_neighbours, noise_from_repeat
-from procam.files.venue.load import CaptureTable
+from procam.files.venue.tables import CaptureTable
 from procam.model.frame import CameraSettings, Frame
 from procam.model.optics import Sensor
 from procam.workflows.doctor.findings import (

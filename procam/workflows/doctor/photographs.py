@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from procam.arrays import Array
 from procam.errors import FileFormatError, InputError, NotEnoughData, OutOfModelRange
-from procam.estimate.camera.checks import fit_dark_frames
+from procam.estimate.camera.checks import edge_blur, fit_dark_frames
 from procam.estimate.camera.exposure import (
     BRIGHT_QUANTILE,
     DARK_QUANTILE,
@@ -20,7 +20,6 @@ from procam.estimate.camera.exposure import (
     lit_by_brightness,
     plan_exposures,
 )
-from procam.estimate.camera.focus import edge_blur
 from procam.estimate.camera.noise import noise_from_neighbours
 from procam.files.images.photos import list_photos, load_response, photo_counts, read_photo
 from procam.files.session import Session

@@ -1,8 +1,8 @@
 """The photographs that workflows ask for (`Wanted`), and the photographer that drives devices."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -27,38 +27,36 @@ class Wanted:
     exposure_s: float
 
 
-class Photographer(Protocol):
+class Photographer(ABC):
     """Who shows pictures and photographs them with one camera, in colour.
 
     `notes` are warnings on photographs that were given, one per line; `again` is the advice for photographs
     that turn out to be bad, or empty.
     """
 
-    notes: Sequence[str]
+    notes: Sequence[str] = ()
 
     @property
     def again(self) -> str:
         """A sentence without its stop."""
-        ...
+        return ""
 
-    def plan(self, wanted: Sequence[Wanted]) -> None:
+    def plan(self, wanted: Sequence[Wanted]) -> None:  # noqa: B027 - devices need no notice
         """Say what will be asked for next, so that people can take it in one go."""
-        ...
 
+    @abstractmethod
     def take(self, wanted: Wanted) -> Frame:
         """The photograph."""
-        ...
 
+    @abstractmethod
     def retake(self, wanted: Wanted) -> Frame:
         """Another photograph of the same, if one can be had; else that of `take` again."""
-        ...
 
-    def end(self) -> None:
+    def end(self) -> None:  # noqa: B027 - devices keep nothing
         """The result is written, and the next one needs new photographs."""
-        ...
 
 
-class DrivenPhotographer:
+class DrivenPhotographer(Photographer):
     """Shows and photographs with devices, with the camera that a calibration's light was measured with.
 
     Projectors are switched on for the first photograph. A new picture is given `settle_s` [s] before it is
@@ -71,11 +69,6 @@ class DrivenPhotographer:
             rig.cameras[model.name], model.sensor, rig.clock, may_look_alike=True
         )
         self._shown: Mapping[str, Image] | None = None
-        self.notes: Sequence[str] = ()
-        self.again = ""
-
-    def plan(self, wanted: Sequence[Wanted]) -> None:
-        """Nothing to prepare."""
 
     def take(self, wanted: Wanted) -> Frame:
         """The photograph."""
@@ -90,9 +83,6 @@ class DrivenPhotographer:
             self._rig.projectors[name].show(np.ascontiguousarray(picture))
         self._rig.clock.sleep(BREATH_S)
         return self.take(wanted)
-
-    def end(self) -> None:
-        """Nothing is kept."""
 
     def _show(self, pictures: Mapping[str, Image]) -> None:
         """Light the projectors of the pictures and show them; the others are dark."""

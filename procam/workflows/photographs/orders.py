@@ -73,7 +73,7 @@ class Document(BaseModel):
     since 1970 [s]; None in files of earlier versions.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(extra="forbid")
     of: str
     camera: str = Field(pattern=NAME_PATTERN)
     exposure_s: Exposure

@@ -179,7 +179,7 @@ def _check_times(
     rounds: Rounds, surveyed: Sequence[_Surveyed], earlier: Sequence[Earlier], order: str
 ) -> None:
     """Refuse a photograph taken before one that was stored before this round was asked for."""
-    asked_s = rounds.asked_s or 0.0
+    asked_s = rounds.document.asked_s or 0.0
     dated = [e for e in earlier if e.taken_s is not None and e.stored_s < asked_s]
     if not dated:
         return
@@ -197,12 +197,12 @@ def _check_times(
 def _time_notes(rounds: Rounds, surveyed: Sequence[_Surveyed]) -> list[str]:
     """A line on photographs that look older than their order, by the camera's clock or the file's date."""
     when = [(s.taken_s or s.path.stat().st_mtime, s.path.name) for s in surveyed]
-    oldest_s, name = min(when)
-    if rounds.asked_s is None or oldest_s > rounds.asked_s - CLOCK_S:
+    (oldest_s, name), asked_s = min(when), rounds.document.asked_s
+    if asked_s is None or oldest_s > asked_s - CLOCK_S:
         return []
     return [
         f"{name}: of {_day(oldest_s)} by the camera's clock or the file's date, but it was asked for on "
-        f"{_day(rounds.asked_s)}; if the clock is right, these are photographs of something else: give those "
+        f"{_day(asked_s)}; if the clock is right, these are photographs of something else: give those "
         "of this round with --photos and --replace"
     ]
 

@@ -63,9 +63,8 @@ class Rounds:
     """
 
     def __init__(self, folder: Path, camera: CameraModel, exposure_s: float, of: str) -> None:
-        self.folder, self.camera, self.of = folder, camera, of
-        self.session = Session(folder)
-        document = read_document(folder) or Document(
+        self.folder, self.camera, self.session = folder, camera, Session(folder)
+        self.document = read_document(folder) or Document(  # venue.toml may have changed since
             of=of,
             camera=camera.name,
             exposure_s=exposure_s,
@@ -73,15 +72,11 @@ class Rounds:
             pictures=0,
             photographs=[],
         )
-        if document.camera != camera.name:
+        if (known := self.document.camera) != camera.name:
             raise InputError(
-                f"{folder / 'wanted.json'}: of camera {document.camera}, but the calibration in use is by "
-                f"camera {camera.name}; remove the folder to begin again"
+                f"{folder / 'wanted.json'}: of camera {known}, but the calibration in use is by camera "
+                f"{camera.name}; remove the folder to begin again"
             )
-        self._exposure_s = document.exposure_s  # that of venue.toml may have changed
-        self.asked = document.photographs
-        self._rounds, self._pictures = document.rounds, document.pictures
-        self.asked_s = document.asked_s
         self._samples = dict[int, Samples]()
 
     @classmethod
@@ -116,6 +111,11 @@ class Rounds:
         return max((p for p in started if not (p / ENDED).is_file()), default=None)
 
     @property
+    def asked(self) -> list[Asked]:
+        """The photographs of all rounds."""
+        return self.document.photographs
+
+    @property
     def last_round(self) -> list[Asked]:
         """The photographs of the last round."""
         return [a for a in self.asked if a.round == self.asked[-1].round]
@@ -146,7 +146,8 @@ class Rounds:
 
     def ask(self, wanted: Sequence[Wanted]) -> PhotographsWanted:
         """Write the wanted photographs as the next round, in place of those not photographed yet."""
-        before, self.asked = self.asked, self._stored()
+        before = self.asked
+        self.document.photographs = self._stored()
         number, new = self._next_round(), list[Asked]()
         for each in wanted:
             picture = self._picture_number(each.pictures, [*before, *new])
@@ -170,8 +171,8 @@ class Rounds:
         if [_content(a) for a in pending] == [_content(a) for a in new]:
             new = pending  # asked for already
         else:
-            self._rounds, self.asked_s = number, time.time()
-        self.asked = [*self.asked, *new]
+            self.document.rounds, self.document.asked_s = number, time.time()
+        self.document.photographs = [*self.asked, *new]
         self.write()
         return PhotographsWanted(self.folder, self.camera.name, self.order())
 
@@ -182,34 +183,24 @@ class Rounds:
             raise InputError(
                 f"{self.folder}: no photographs were given yet that others could replace"
             )
-        last, self._rounds = stored[-1].round, self._next_round()
+        last, number = stored[-1].round, self._next_round()
         again = [a for a in self.asked if a.round == last]
-        self.asked = [a for a in stored if a.round != last]
         new = list[Asked]()
         for each in again:
-            name = _name(self._rounds, new)
-            new.append(each.model_copy(update={"id": name, "round": self._rounds}))
-        self.asked += new
+            new.append(each.model_copy(update={"id": _name(number, new), "round": number}))
+        self.document.rounds = number
+        self.document.photographs = [*(a for a in stored if a.round != last), *new]
 
     def _next_round(self) -> int:
         """A number that no photograph has, not even one of a round that was given up."""
         stored = self.session.stored(self.camera.name)
-        return max(self._rounds, *(_round_of(shot) for shot, _ in stored), 0) + 1
+        return max(self.document.rounds, *(_round_of(shot) for shot, _ in stored), 0) + 1
 
     def write(self) -> None:
         """Write what is asked for to disk."""
-        document = Document(
-            of=self.of,
-            camera=self.camera.name,
-            exposure_s=self._exposure_s,
-            rounds=self._rounds,
-            pictures=self._pictures,
-            photographs=self.asked,
-            asked_s=self.asked_s,
-        )
         (self.folder / ENDED).unlink(missing_ok=True)
         atomic.write_text(self.folder / "order.csv", order_table(self.camera.name, self.order()))
-        atomic.write_text(self.folder / "wanted.json", document.model_dump_json(indent=1))
+        atomic.write_text(self.folder / "wanted.json", self.document.model_dump_json(indent=1))
 
     def end(self) -> None:
         """Note that the workflow has its result."""
@@ -217,8 +208,9 @@ class Rounds:
 
     def _rounded(self, exposure_s: float) -> float:
         """An exposure that cameras have, shorter by less than a third of a stop."""
-        thirds = math.floor(3 * math.log2(exposure_s / self._exposure_s) + 1e-6)
-        return float(f"{self._exposure_s * 2 ** (thirds / 3):.4g}")
+        white_s = self.document.exposure_s
+        thirds = math.floor(3 * math.log2(exposure_s / white_s) + 1e-6)
+        return float(f"{white_s * 2 ** (thirds / 3):.4g}")
 
     def _stored(self) -> list[Asked]:
         slots = self.session.stored(self.camera.name)
@@ -229,7 +221,7 @@ class Rounds:
         known = next((a.picture for a in asked if self._shows(a, pictures)), None)
         if known is not None or not pictures:
             return known or 0
-        self._pictures = number = self._pictures + 1
+        self.document.pictures = number = self.document.pictures + 1
         self._write(f"{number:02d}", {n: pixels(p) for n, p in pictures.items()})
         self._samples[number] = sampled(pictures)
         return number

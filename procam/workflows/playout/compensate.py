@@ -2,8 +2,9 @@
 
 import hashlib
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
+from functools import cache, partial
 from glob import escape
 from itertools import chain
 from math import isnan
@@ -22,11 +23,11 @@ from procam.model.calibration import Calibration
 from procam.workflows.events import Event, Steps
 from procam.workflows.playout.chunks import Chunks, FrameRange, Part
 from procam.workflows.playout.frame import ERRORS, ClipEngine, FrameSettings
-from procam.workflows.playout.overwrite_check import Named, refuse_overwriting
 from procam.workflows.playout.pipeline import flow
 from procam.workflows.playout.sources import (
     Clip,
     ClipFrame,
+    CompensatedFrame,
     MovieClip,
     Row,
     SequenceClip,
@@ -37,6 +38,7 @@ from procam.workflows.playout.sources import (
 )
 
 Made = TypeVar("Made")
+Named = tuple[str, Path]  # the argument that asks for a file, and the file
 FileClip = StillClip | SequenceClip | MovieClip
 LOG = "procam.jsonl"
 PARTS = ("calibration.json", "maps/dome.exr", "maps/state-*.exr")  # what a compensator reads
@@ -73,6 +75,35 @@ def compensate_file(
         yield Event("frames", 0, 0, f"{out} is there already")
         return CompensatedClip({}, [])
     return (yield from compensate_clip(calibration, clip, settings))
+
+
+def refuse_overwriting(read: Iterable[Path], written: Iterable[Named]) -> None:
+    """Refuse a run that would write over what it reads, or over what it has written itself.
+
+    Files are the same if they have one place, whatever it is called, or are one file on the disk.
+
+    Raises
+    ------
+    InputError
+        The first that would be written over.
+    """
+    resolved = cache(Path.resolve)  # folders: there are few of them, of files there are many
+
+    def marks(path: Path) -> list[object]:
+        place: object = (resolved(path.parent), path.name)
+        try:
+            stat = path.stat()
+        except OSError:  # it is not there yet
+            return [place]
+        return [place, (stat.st_dev, stat.st_ino)]
+
+    taken: dict[object, str] = {mark: "IN itself" for path in read for mark in marks(path)}
+    for argument, path in written:
+        found = marks(path)
+        owner = next((taken[mark] for mark in found if mark in taken), None)
+        if owner:
+            raise InputError(f"{argument}: {path} is {owner}; choose another name")
+        taken |= dict.fromkeys(found, f"a file that {argument} writes already")
 
 
 def open_clip(
@@ -134,29 +165,52 @@ def compensate_clip(
     of the settings.
     """
     engine, notes = ClipEngine(calibration, settings, clip.suffix, certify, chunks), list[str]()
+    rows, done = dict[int, Row](), 0
 
-    def work(clip_frame: ClipFrame) -> Callable[[], tuple[str, Row] | None]:
-        result = engine.make(clip_frame)
-        keep_note(notes, clip_frame.note)
+    def write(clip_frame: ClipFrame, result: CompensatedFrame) -> None:
+        clip.write(clip_frame, result)
+        if certify:
+            rows[clip_frame.number] = result.row
 
-        def write() -> tuple[str, Row] | None:
-            if result is None:
-                return None
-            clip.write(clip_frame, result)
-            return clip_frame.name, result.row
-
-        return write
-
-    done, rows = 0, dict[int, Row]()
     with clip:
         rows |= clip.finished
-        yield Event("frames", 0, clip.total, "")
-        for done, (name, row) in enumerate(filter(None, each_frame(clip, work)), 1):
-            rows |= {row["frame"]: row} if certify else {}
-            yield Event("frames", done, max(clip.total, done), name)
+        done = yield from write_frames(clip, engine.make, write, notes)
     if not (done or clip.finished):
         raise FileFormatError("IN: no frame in it; is it the right clip?")
     return CompensatedClip(rows, [*notes, *clip.beyond])
+
+
+def write_frames(
+    clip: Clip,
+    make: Callable[[ClipFrame], Made | None],
+    write: Callable[[ClipFrame, Made], None],
+    notes: list[str],
+) -> Steps[int]:
+    """Write what `make` makes of each frame of an open clip, None of one that is not wanted; their number.
+
+    `notes` gets what became of the first frame's colour profile.
+    """
+
+    def work(clip_frame: ClipFrame) -> Callable[[], str]:
+        made = make(clip_frame)
+        keep_note(notes, clip_frame.note)
+        return partial(_written, clip_frame, made, write)
+
+    done = 0
+    yield Event("frames", 0, clip.total, "")
+    for done, name in enumerate(filter(None, each_frame(clip, work)), 1):
+        yield Event("frames", done, max(clip.total, done), name)
+    return done
+
+
+def _written(
+    clip_frame: ClipFrame, made: Made | None, write: Callable[[ClipFrame, Made], None]
+) -> str:
+    """Name of the frame that was written; "" if none was."""
+    if made is None:
+        return ""
+    write(clip_frame, made)
+    return clip_frame.name
 
 
 def each_frame(clip: Clip, work: Callable[[ClipFrame], Callable[[], Made]]) -> Iterator[Made]:

@@ -1,15 +1,14 @@
-"""Shows as pictures what compensation does to one frame."""
+"""Shows as pictures what compensation does to one frame, and what each method would make of it."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from procam.arrays import Image
+from procam.arrays import Array, Image
 from procam.compensate.compensator import Compensator
-from procam.errors import FileFormatError
 from procam.files.images.layers import RGB, write_channels
-from procam.files.images.movies import MovieReader, is_movie
 from procam.files.images.stills import square_edge
 from procam.model.calibration import Calibration
 from procam.workflows.playout.encodings import decoded
@@ -18,13 +17,12 @@ from procam.workflows.playout.frame import (
     linear_compensator,
     most_light,
     named_transfer,
+    require_photometry,
 )
-from procam.workflows.playout.sources import (
-    ClipFrame,
-    movie_clip_frame,
-    read_clip_frame,
-    source_sequence,
-)
+from procam.workflows.playout.sources import ClipFrame
+
+TARGET, BEFORE = "target", "none"
+METHODS = (BEFORE, "exact", "least-squares", "perceptual")
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,20 +45,6 @@ class Explained:
     direct: Image
     observed: Image
     limits: Image
-
-
-def first_frame(source: Path) -> ClipFrame:
-    """The first frame of what IN names."""
-    sequence = source_sequence(source)
-    if sequence:
-        return read_clip_frame(sequence.names.path(sequence.numbers[0]))
-    if not is_movie(source):
-        return read_clip_frame(source)
-    with MovieReader(source) as reader:
-        frame = next(iter(reader), None)
-        if frame is None:
-            raise FileFormatError(f"{source}: no frame in it; is it the right clip?")
-        return movie_clip_frame(reader, frame, 0)
 
 
 def explain(calibration: Calibration, clip_frame: ClipFrame, settings: FrameSettings) -> Explained:
@@ -93,3 +77,30 @@ def write_pictures(folder: Path, explained: Explained) -> None:
     for name, path in picture_files(folder).items():
         picture = getattr(explained, name)
         write_channels(path, {c: picture[..., i] for i, c in enumerate(RGB)})
+
+
+def views(
+    calibration: Calibration, clip_frame: ClipFrame, settings: FrameSettings
+) -> Mapping[str, Image]:
+    """Total light (N, N, 3) by method, and the `TARGET`: the content, beyond what projectors can show.
+
+    Of the settings only state, white, transfer and those of the perceptual method count.
+    """
+    require_photometry(calibration)
+    size = square_edge(clip_frame.rgb, clip_frame.name)
+    content = np.nan_to_num(
+        decoded(clip_frame.rgb, named_transfer(clip_frame, settings)), nan=0, posinf=0, neginf=0
+    )
+    found = dict[str, Image]()
+    for method in METHODS:
+        compensator = linear_compensator(calibration, size, settings, settings.of(method))
+        found[method] = compensator.predict(content, most_light(clip_frame.rgb)).observed
+        found[TARGET] = compensator.target(content)
+    return found
+
+
+def lit_solid_angles(calibration: Calibration, size: int) -> Array:
+    """Solid angles (N, N) [sr] of pixels that projectors reach and that are not protected, else 0."""
+    compensator = Compensator(calibration, size, BEFORE)
+    lit = compensator.lit & ~compensator.protected
+    return np.asarray(calibration.canvas.solid_angles(size) * lit)

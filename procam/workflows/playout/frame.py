@@ -63,12 +63,11 @@ class FrameSettings:
         """The method with the settings of its own; refuses them for one that has none."""
         own = {"--db": self.db, "--white-nits": self.white_nits}
         given = [option for option, value in own.items() if value is not None]
-        if self.method not in PERCEPTUAL:
-            if given:
-                raise InputError(
-                    f"{' and '.join(given)}: for --method {' or '.join(PERCEPTUAL)}, not {self.method}; "
-                    "choose one of these or leave it out"
-                )
+        if given and self.method not in PERCEPTUAL:
+            raise InputError(
+                f"{' and '.join(given)}: for --method {' or '.join(PERCEPTUAL)}, not {self.method}; "
+                "choose one of these or leave it out"
+            )
         return self.of(self.method)
 
     def of(self, method: str) -> str | Perceptual:

@@ -6,21 +6,22 @@ longer than 300 lines because the kinds follow one protocol and read best side b
 
 import time
 import zlib
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import repeat
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Protocol, Self
+from typing import Any, Self
 
 import numpy as np
 
 from procam.arrays import AnyArray
 from procam.errors import FileFormatError, InputError
 from procam.files.images.movie_writer import MovieWriter, new_movie, require_written
-from procam.files.images.movies import MovieFrame, MovieReader
+from procam.files.images.movies import MovieFrame, MovieReader, is_movie
 from procam.files.images.pixels import SUFFIXES, require_suffix
 from procam.files.images.sequences import Numbered, PictureSequence, find_sequence, parse_pattern
 from procam.files.images.stills import read_still, require_finite, write_still
@@ -78,52 +79,47 @@ class CompensatedFrame:
     check: Callable[[ClipFrame, str], None]
 
 
-class Clip(Protocol):
-    """A source of frames and the destination of the compensated ones.
+class Clip(ABC):
+    """A source of frames and the destination of the compensated ones; a context manager.
 
     `total` is how many frames will come (0: unknown), `suffix` the kind of the output's pictures, `finished`
     the report's rows of frames that need not come any more. `beyond` is a note, at the end, if frames were
     wanted that it does not have.
     """
 
-    total: int
-    suffix: str
-    finished: Mapping[int, Row]
-    beyond: Sequence[str]
+    total = 0
+    suffix = ""
+    finished: Mapping[int, Row] = MappingProxyType({})
+    beyond: Sequence[str] = ()
 
     def __enter__(self) -> Self:
-        """Open it."""
+        return self
 
-    def __exit__(self, *error: object) -> None:
+    def __exit__(self, *error: object) -> None:  # noqa: B027 - most clips have nothing to close
         """Close it."""
 
+    @abstractmethod
     def thread_plan(self, frame_bytes: int) -> ThreadPlan:
         """Threads for it."""
 
+    @abstractmethod
     def reads(self) -> Reads:
         """Jobs that each read a frame; None ends them."""
 
+    @abstractmethod
     def write(self, clip_frame: ClipFrame, result: CompensatedFrame) -> None:
         """Store a compensated frame, read it back and check it."""
 
 
-class StillClip:
+class StillClip(Clip):
     """One picture: `read` and `written` are its files, as of all clips that have files."""
 
     total = 1
-    finished: Mapping[int, Row] = MappingProxyType({})
-    beyond: Sequence[str] = ()
 
     def __init__(self, source: Path, out: Path) -> None:
         require_suffix(out)
         self.source, self.out, self.suffix = source, out, out.suffix
         self.read, self.written = [source], [out]
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        """Pictures are closed already."""
 
     def thread_plan(self, frame_bytes: int) -> ThreadPlan:
         """One after the other."""
@@ -139,7 +135,7 @@ class StillClip:
         result.check(read_clip_frame(self.out), FILE)
 
 
-class SequenceClip:
+class SequenceClip(Clip):
     """Numbered pictures; those that an earlier run finished from the same source are left out.
 
     Those of a `part`, or all. Pictures that depend on new ones are made again.
@@ -155,7 +151,7 @@ class SequenceClip:
             raise InputError(
                 f"--frames {part.frames}: IN has frames {sequence.numbers[0]} to {sequence.numbers[-1]}"
             )
-        self.beyond: Sequence[str] = part.beyond(sequence.numbers[0], sequence.numbers[-1])
+        self.beyond = part.beyond(sequence.numbers[0], sequence.numbers[-1])
         sources = {number: sequence.names.path(number) for number in numbers}
         self.read = list(sources.values())
         self.written = [*map(names.path, sources), log.path]
@@ -163,17 +159,11 @@ class SequenceClip:
         states = {n: file_state(sequence.names.path(n)) for n in before}
         self._states = {n: _state_of(n, states, part.chunks) for n in numbers}
         logged = {n: log.kept(names.path(n), self._states[n]) for n in numbers}
-        self.finished: Mapping[int, Row] = {
+        self.finished = {
             n: row for n, row in logged.items() if row is not None and self.is_whole(n, row)
         }
         self._todo = {number for number in logged if number not in self.finished}
         self.total = len(self._todo)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        """Pictures are closed already."""
 
     def is_whole(self, number: int, row: Row) -> bool:
         """Whether a logged picture, whose own file is whole, needs nothing more."""
@@ -212,13 +202,12 @@ def _state_of(number: int, states: Mapping[int, list[int]], chunks: Chunks) -> l
     return [*states[number], zlib.crc32(repr(before).encode())]
 
 
-class MovieClip:
+class MovieClip(Clip):
     """A movie, or a part of it, to a movie; it is written anew unless it is complete."""
 
     def __init__(self, source: Path, out: Path, log: OutputLog, part: Part) -> None:
         require_written(out)
         self._range, self._part = part.frames, part
-        self.beyond: Sequence[str] = ()
         frames = part.frames
         if frames and out.exists() and not log.kept(out, file_state(source)):
             raise InputError(
@@ -227,7 +216,6 @@ class MovieClip:
         self._first = part.chunks.first_needed(frames.first) if frames else 0
         self.source, self.out, self.suffix = source, out, out.suffix
         self.read, self.written = [source], [out, log.path]
-        self.finished: Mapping[int, Row] = {}
         self._log = log
         self.stack = ExitStack()
         self._writer: MovieWriter | None = None
@@ -289,6 +277,38 @@ class MovieClip:
         if self._range is not None and self._count <= self._range.first:
             raise InputError(f"--frames {self._range}: IN has frames 0 to {self._count - 1}")
         return None
+
+
+@dataclass(frozen=True, slots=True)
+class Show:
+    """Frames that are only read: how many (0: unknown), jobs that each read one, and threads for them."""
+
+    total: int
+    reads: Reads
+    thread_plan: Callable[[int], ThreadPlan]
+
+
+@contextmanager
+def opened_show(source: Path) -> Iterator[Show]:
+    """The frames of a picture, of numbered pictures or of a movie."""
+    if is_movie(source):
+        with MovieReader(source) as movie:
+            frames = (movie_clip_frame(movie, each, n) for n, each in enumerate(movie))
+            yield Show(movie.frames, repeat(lambda: next(frames, None)), ThreadPlan.for_movie)
+        return
+    sequence = source_sequence(source)
+    paths = {n: sequence.names.path(n) for n in sequence.numbers} if sequence else {0: source}
+    reads = (partial(read_clip_frame, path, number) for number, path in paths.items())
+    yield Show(len(paths), reads, ThreadPlan.for_pictures)
+
+
+def first_frame(source: Path) -> ClipFrame:
+    """The first frame of what IN names."""
+    with opened_show(source) as show:
+        frame = next(show.reads)()
+    if frame is None:
+        raise FileFormatError(f"{source}: no frame in it; is it the right clip?")
+    return frame
 
 
 def read_clip_frame(path: Path, number: int = 0) -> ClipFrame:

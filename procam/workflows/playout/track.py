@@ -2,13 +2,11 @@
 
 import hashlib
 import json
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from importlib import resources
 from importlib.metadata import version
-from itertools import chain, repeat
+from itertools import chain
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -21,7 +19,6 @@ from procam.files.atomic import replacing_directory
 from procam.files.calibration import load_dome
 from procam.files.csv_text import csv_text
 from procam.files.images.layers import RGB
-from procam.files.images.movies import MovieReader, is_movie
 from procam.files.images.pixels import write_image
 from procam.files.images.stills import square_edge
 from procam.model.calibration import Calibration
@@ -33,8 +30,8 @@ from procam.workflows.playout.frame import (
     require_photometry,
     require_standard_canvas,
 )
-from procam.workflows.playout.pipeline import ThreadPlan, flow
-from procam.workflows.playout.sources import ClipFrame, Reads, read_clip_frame, source_sequence
+from procam.workflows.playout.pipeline import flow
+from procam.workflows.playout.sources import ClipFrame, opened_show
 
 SCHEMA = 1
 GLSL = "#version 330 core\n"
@@ -81,7 +78,7 @@ def track_show(
     _check(out, settings.method)
     calibration = load_dome(calibration_dir)
     require_standard_canvas(calibration, "a track", "compensate the show, and play its frames")
-    with _opened(source) as show, replacing_directory(out) as folder:
+    with opened_show(source) as show, replacing_directory(out) as folder:
         first = next(show.reads)()
         if first is None:
             raise InputError(f"IN: no frame in {source}; give a movie or a folder of dome masters")
@@ -110,39 +107,6 @@ def _notes(first: ClipFrame) -> list[str]:
         f"{first.note}. The player must convert them too, or show frames that were converted before: the "
         "shader takes what it gets as sRGB's"
     ]
-
-
-@dataclass(frozen=True, slots=True)
-class _Show:
-    """`total` frames (0: unknown), jobs that each read one (None ends them), and threads for them."""
-
-    total: int
-    reads: Reads
-    thread_plan: Callable[[int], ThreadPlan]
-
-
-@contextmanager
-def _opened(source: Path) -> Iterator[_Show]:
-    if is_movie(source):
-        with MovieReader(source) as movie:
-            pieces = (
-                ClipFrame(
-                    number,
-                    f"frame {number} of {source}",
-                    frame.rgb,
-                    movie.transfer,
-                    note=movie.note,
-                )
-                for number, frame in enumerate(movie)
-            )
-            yield _Show(movie.frames, repeat(lambda: next(pieces, None)), ThreadPlan.for_movie)
-        return
-    sequence = source_sequence(source)
-    paths = {0: source}
-    if sequence is not None:
-        paths = {number: sequence.names.path(number) for number in sequence.numbers}
-    reads = (partial(read_clip_frame, path, number) for number, path in paths.items())
-    yield _Show(len(paths), reads, ThreadPlan.for_pictures)
 
 
 class _Rows:
@@ -176,27 +140,18 @@ class _Rows:
 
     def add(self, clip_frame: ClipFrame) -> Callable[[], str]:
         """Solve a frame, which must be like the first one; returns a call that gives its name."""
-        name, found = (
-            clip_frame.name,
-            (
-                square_edge(clip_frame.rgb, clip_frame.name),
-                clip_frame.rgb.dtype,
-                self._named(clip_frame),
-            ),
-        )
+        name, rgb = clip_frame.name, clip_frame.rgb
+        found = square_edge(rgb, name), rgb.dtype, named_transfer(clip_frame, self._settings)
         if found != (expected := (self.compensator.size, self.dtype, self.transfer)):
             raise FileFormatError(
                 f"{name}: {_worded(*found)}, but the first frame has {_worded(*expected)}; render "
                 "all frames alike"
             )
-        solved = self._chunks.solve(clip_frame.number, clip_frame.rgb, self._out)
+        solved = self._chunks.solve(clip_frame.number, rgb, self._out)
         numbers = row(solved.coefficients, self.used)
         self._table.write(csv_text([[clip_frame.number, *(f"{v:.9g}" for v in numbers)]]))
         self.numbers.append(clip_frame.number)
         return lambda: name
-
-    def _named(self, clip_frame: ClipFrame) -> str:
-        return named_transfer(clip_frame, self._settings)
 
 
 def _worded(size: int, dtype: np.dtype[Any], transfer: str) -> str:

@@ -1,9 +1,9 @@
 """From dome masters to what each projector is sent."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,15 +19,16 @@ from procam.files.images.sequences import Numbered, PictureSequence
 from procam.files.images.stills import square_edge
 from procam.files.output_log import OutputLog
 from procam.model.calibration import Calibration
-from procam.workflows.events import Event, Steps
+from procam.workflows.events import Steps
 from procam.workflows.playout.chunks import ChunkedCompensator, FrameRange, Part
 from procam.workflows.playout.compensate import (
     LOG,
-    each_frame,
+    refuse_overwriting,
     refuse_range,
     run_key,
     sequence_log,
     sequence_logs,
+    write_frames,
 )
 from procam.workflows.playout.encodings import decoded
 from procam.workflows.playout.frame import (
@@ -36,30 +37,16 @@ from procam.workflows.playout.frame import (
     named_transfer,
     require_photometry,
 )
-from procam.workflows.playout.overwrite_check import refuse_overwriting
 from procam.workflows.playout.sources import (
-    Clip,
     ClipFrame,
     MovieClip,
     SequenceClip,
     StillClip,
-    keep_note,
     source_sequence,
 )
 
 Frames = Mapping[str, NDArray[np.uint16]]
 MAPS = "maps/*.exr"  # a warp needs every projector's
-
-
-class WarpClip(Clip, Protocol):
-    """A clip that gives frames of projectors."""
-
-    paths: list[str]
-    read: list[Path]
-    written: list[Path]
-
-    def write_frames(self, clip_frame: ClipFrame, frames: Frames) -> None:
-        """Store a frame (H, W, 3) of every projector."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,23 +81,8 @@ def warp_file(
     clip = _open(calibration_dir, calibration, (source, out), settings, part)
     refuse_overwriting(clip.read, (("OUT", path) for path in clip.written))
     maker, notes = _Maker(calibration, settings), list[str]()
-
-    def work(clip_frame: ClipFrame) -> Callable[[], str | None]:
-        keep_note(notes, clip_frame.note)
-        made = maker.frames(clip_frame)
-
-        def write() -> str | None:
-            if made is None:
-                return None
-            clip.write_frames(clip_frame, made)
-            return clip_frame.name
-
-        return write
-
     with clip:
-        yield Event("frames", 0, clip.total, "")
-        for done, name in enumerate(filter(None, each_frame(clip, work)), 1):
-            yield Event("frames", done, max(clip.total, done), name)
+        yield from write_frames(clip, maker.frames, clip.write_frames, notes)
     return ProjectorFrames(clip.paths, [*notes, *clip.beyond])
 
 
@@ -149,7 +121,7 @@ def _open(
     files: tuple[Path, Path],
     settings: FrameSettings,
     part: Part,
-) -> WarpClip:
+) -> "_WarpedStill | _WarpedSequence | _WarpedMovie":
     (source, out), names = files, list(calibration.projectors)
     sequence = source_sequence(source)
     if sequence:

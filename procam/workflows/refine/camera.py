@@ -8,17 +8,16 @@ from procam.arrays import Array, Image
 from procam.errors import OutOfModelRange
 from procam.estimate.camera.exposure import green
 from procam.estimate.camera.noise import NO_NOISE, noise_from_repeat
-from procam.estimate.closed_loop import LoopCells
 from procam.estimate.closed_loop.brackets import bracket_for, merged_frame
+from procam.estimate.closed_loop.dome import LoopCells
 from procam.estimate.closed_loop.patches import MIN_PHOTOGRAPHS
 from procam.model.frame import Frame
 from procam.workflows.main_camera import MainCamera
 from procam.workflows.photographs.driven import Photographer, Wanted
 
 FILL = 0.7  # of full scale, for the brightest content
-ROOM_CHANGE = (
-    0.002  # of white: what the room's light may change by, where a loop finds 0.1 % of white
-)
+# of white: what the room's light may change by, where a loop finds 0.1 % of white
+ROOM_CHANGE = 0.002
 
 
 class LoopCamera:

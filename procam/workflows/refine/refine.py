@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from procam.arrays import Array, BoolArray, Image
-from procam.estimate.closed_loop import with_gains, with_scatter
 from procam.estimate.closed_loop.patches import MAX_CORRECTIONS, MIN_PHOTOGRAPHS, VISIBLE_JND
+from procam.estimate.closed_loop.refined import with_gains, with_scatter
 from procam.files.venue.load import Venue
 from procam.maths.geometry.canvas import STANDARD
 from procam.maths.geometry.sphere import master_directions

@@ -9,7 +9,7 @@ from procam.arrays import Array, BoolArray, Image
 from procam.compensate.compensator import Compensated, Compensator
 from procam.compensate.perceptual.settings import Perceptual
 from procam.compensate.projector_frames import projector_frames
-from procam.estimate.closed_loop import DomeLoop, noise_by_level
+from procam.estimate.closed_loop.dome import DomeLoop, noise_by_level
 from procam.estimate.closed_loop.patches import (
     MIN_PHOTOGRAPHS,
     converged,

@@ -18,13 +18,10 @@ from procam.model.calibration import Calibration
 from procam.workflows.refine.refine import Refined
 
 
-def write_frames(frames: Mapping[str, Image], out: Path) -> list[Path]:
+def write_frames(frames: Mapping[str, Image], out: Path) -> None:
     """Write OUT/PROJECTOR.png, 16 bits."""
-    paths = []
     for name, drive in frames.items():
         write_image(out / f"{name}.png", np.rint(65535 * drive).astype(np.uint16))
-        paths.append(out / f"{name}.png")
-    return paths
 
 
 def read_frames(directory: Path) -> dict[str, Image]:

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from procam.estimate.camera.glare_bound import bounded_glare, darkest_share, glare_notes
+from procam.estimate.camera.veil import bounded_glare, darkest_share, glare_notes
 from procam.estimate.geometry.solve import GeometrySolution
 from procam.workflows.capture.session_images import SessionImages
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from procam.estimate.camera.near_veil import NearVeilFit
+from procam.estimate.camera.veil import NearVeilFit
 from procam.estimate.geometry.camera_view import DomeView
 from procam.estimate.geometry.model import Pair
 from procam.estimate.geometry.solve import GeometrySolution

@@ -8,7 +8,8 @@ import numpy as np
 from procam.estimate.geometry.camera_view import DomeView
 from procam.estimate.light.measurement import ProjectorMeasurement
 from procam.estimate.light.shared_black import SharedBlack, fit_shared_black
-from procam.files.venue.load import BY_HAND, Venue
+from procam.files.venue.load import Venue
+from procam.files.venue.tables import BY_HAND
 from procam.model.calibration import Calibration
 from procam.model.quality import Figure
 from procam.workflows.capture.session_images import SessionImages

@@ -7,8 +7,7 @@ import numpy as np
 from procam.arrays import BoolArray, Image
 from procam.errors import OutOfModelRange
 from procam.estimate.camera.binning import Binning
-from procam.estimate.geometry.camera_view import DomeView
-from procam.estimate.geometry.lens_glints import lens_glints
+from procam.estimate.geometry.camera_view import DomeView, lens_glints
 from procam.estimate.geometry.model import Pair
 from procam.estimate.geometry.solve import GeometrySolution
 from procam.estimate.light.direct_light import well_inside

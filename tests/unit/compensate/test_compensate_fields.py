@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from tolerances import FLOAT32
 
-from procam.compensate import _continuation
 from procam.compensate.compensator import Compensator
 from procam.compensate.fields import SAMPLE, Fields
 from procam.compensate.projector_frames import projector_frames
@@ -15,7 +14,6 @@ from procam.maths.geometry.canvas import STANDARD, Canvas
 from procam.maths.geometry.sphere import (
     direction_from_angles,
     master_directions,
-    master_solid_angles,
 )
 from procam.maths.light.scatter_kernel import basis
 from procam.maths.warp import sample
@@ -89,12 +87,6 @@ class TestBesideTheLitPart:
         asked = np.full((4 * SIZE, 4 * SIZE, 3), 0.9, np.float32)
         assert found.predict(asked).free[found.lit].all()
 
-    def test_what_fades_a_little_can_be_driven_to_full(self, bare: Calibration) -> None:
-        coverage = np.where(bare.maps.coverage > 0, np.float32(0.97), np.float32(0))
-        found = Fields.of(replace(bare, maps=replace(bare.maps, coverage=coverage)), SIZE).shown.hi
-        assert found is not None
-        np.testing.assert_allclose(found[coverage > 0], 2 / 0.97, rtol=1e-6)
-
     def test_what_is_faint_everywhere_keeps_what_was_measured(self, bare: Calibration) -> None:
         coverage = np.where(bare.maps.coverage > 0, np.float32(0.3), np.float32(0))
         lo = np.random.default_rng(2).uniform(0, 0.01, (SIZE, SIZE, 3)).astype(np.float32)
@@ -104,26 +96,6 @@ class TestBesideTheLitPart:
         assert model.hi is not None
         np.testing.assert_allclose(model.hi[lit], 2 * 2, rtol=1e-6)  # never above twice, if faint
         np.testing.assert_allclose(model.spread[beyond(lit, 5)], 0.1, rtol=1e-6)
-
-    def test_sums_at_edges_of_bands_see_no_end(
-        self, bare: Calibration, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
-        """1024 node rows make bands of four, at whose edges spread is read up to three nodes outside."""
-        factor = -(-1024 // SIZE)
-        big = {
-            name: np.kron(field, np.ones((factor, factor, *[1] * (field.ndim - 2)), np.float32))
-            for name in ("scatter_per_flux", "albedo", "lo", "hi", "coverage", "falloff")
-            if (field := getattr(bare.maps, name)) is not None
-        }
-        large = replace(bare, maps=replace(bare.maps, **big))
-        size = large.maps.size
-        picture = np.random.default_rng(3).uniform(0, 1.2, (size, size, 3)).astype(np.float32)
-        found = []
-        for reach in (_continuation.REACH, 40):
-            monkeypatch.setattr(_continuation, "REACH", reach)
-            compensator = Compensator(large, size, "least-squares")
-            found.append(compensator.solve(picture).coefficients)
-        np.testing.assert_allclose(found[0], found[1], atol=1e-8 * np.abs(found[1]).max())
 
     @pytest.mark.filterwarnings("error")
     def test_what_is_unknown_there_spreads_nowhere(self, bare: Calibration) -> None:
@@ -152,16 +124,6 @@ class TestOfTheModel:
             model.spread[lit] * (phi @ profile.T), scatter[lit], rtol=FLOAT32
         )
 
-    @pytest.mark.parametrize("size", [48, SIZE, 200])
-    def test_solid_angles_are_of_pixels_of_the_picture(self, bare: Calibration, size: int) -> None:
-        model = Fields.of(bare, size).shown
-        whole = master_solid_angles(size)[size // 2, size // 2]
-        lit = model.coverage[model.nodes // 2, model.nodes // 2]
-        assert model.solid_angle_sr[model.nodes // 2, model.nodes // 2] == pytest.approx(
-            lit * whole, rel=1e-3
-        )
-        assert model.nodes == min(size, SIZE)
-
     @pytest.mark.parametrize("size", [60, 129, 200, 500])
     def test_a_sample_is_of_the_whole_dome(self, bare: Calibration, size: int) -> None:
         fields = Fields.of(bare, size)
@@ -181,11 +143,6 @@ class TestOfTheModel:
         off = np.moveaxis(sample.direction, 0, -1) - direction
         rim = (direction[..., 2] > 0.3) & (sample.coverage > 0)
         assert np.linalg.norm(off[rim], axis=-1).max() < 5 / SIZE
-
-    def test_a_small_picture_is_its_own_sample(self, bare: Calibration) -> None:
-        fields = Fields.of(bare, SIZE)
-        assert fields.sampled() is fields
-        np.testing.assert_array_equal(fields.sampled_pixels, np.arange(SIZE))
 
 
 def test_the_same_picture_on_another_canvas_gives_the_same_light(calibration: Calibration) -> None:

@@ -16,7 +16,6 @@ from procam.compensate.compensator import Compensator
 from procam.errors import InputError
 from procam.maths.geometry.sphere import master_directions, master_solid_angles
 from procam.model.calibration import Calibration
-from procam.model.mask import Mask
 from procam.model.transport import Measured
 from procam.model.venue_state import VenueState
 
@@ -117,33 +116,6 @@ class TestExact:
             observed = room.patches(found.observed)
             np.testing.assert_allclose(observed[room.lit], seen[room.lit], atol=EXACT)
 
-    def test_without_the_state_the_picture_is_too_bright(
-        self, known: Calibration, content: np.ndarray
-    ) -> None:
-        room = _room(FULL)
-        found = Compensator(known, SIZE).predict(content)
-        seen = room.total(room.patches(found.direct) + _lamps())
-        free = room.patches(found.free).astype(bool)
-        assert (seen - room.patches(content))[free].min() > 0.01
-
-    def test_ambient_as_black_would_bounce_twice(
-        self, known: Calibration, content: np.ndarray
-    ) -> None:
-        """As direct light it would be taken off a second time, by u (a.A)."""
-        room, full = _room(FULL), known.states["full"]
-        assert full.ambient is not None
-        u = known.maps.scatter_per_flux * full.scatter_ratio.astype(np.float32)
-        lo = known.maps.lo + full.ambient
-        maps = replace(known.maps, lo=lo, hi=known.maps.hi + full.ambient, scatter_per_flux=u)
-        wrong = Compensator(replace(known, maps=maps), SIZE).predict(content)
-        lamps = room.patches(full.ambient)
-        sent = (room.patches(wrong.direct) - lamps) * room.lit[:, None]
-        error = room.total(sent + _lamps()) - room.patches(content)
-        twice = room.patches(u) * (room.solid[room.lit] @ lamps[room.lit])
-        free = room.patches(wrong.free).astype(bool)
-        np.testing.assert_allclose(error[free], -twice[free], atol=EXACT)
-        assert twice[:, 0].min() > 0.002
-
     def test_black_stays_black_where_lamps_outshine_the_target(self, known: Calibration) -> None:
         black = np.zeros((SIZE, SIZE, 3), np.float32)
         found = Compensator(known, SIZE, state="full").predict(black)
@@ -160,15 +132,6 @@ class TestExact:
         seen = room.total(room.patches(found.direct))
         free = room.patches(found.free).astype(bool)
         np.testing.assert_allclose(seen[free], room.patches(content)[free], atol=EXACT)
-
-    def test_what_is_protected_is_left_as_it_is(
-        self, known: Calibration, content: np.ndarray
-    ) -> None:
-        covered = np.zeros((SIZE, SIZE), bool)
-        covered[18:22, 12:20] = True
-        maps = replace(known.maps, protected=Mask("screen", covered))
-        found = Compensator(replace(known, maps=maps), SIZE, state="full").predict(content)
-        np.testing.assert_array_equal(found.direct[covered], content[covered])
 
 
 def test_an_unknown_state_is_refused(known: Calibration) -> None:

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from furnished_domes import furnished
 
 from procam.compensate.fields import Fields
 from procam.compensate.track import TERMS, columns, moves, row, textures, uniforms
@@ -11,17 +12,8 @@ from procam.kernels.frame.reference import monomials
 from procam.maths.geometry.sphere import master_directions, master_solid_angles
 from procam.model.calibration import Calibration
 from procam.model.mask import Mask
-from procam.model.transport import ScatterKernel
 
 SIZE = 96  # of the maps: content's pixels are the fields' nodes
-
-
-@pytest.fixture
-def furnished(calibration: Calibration) -> Calibration:
-    bend = np.diag([1.0, 0.03, 0.06, 0.05, 0.02, 0.01, 0.03, 0.02, 0.01])
-    bend[0, 1:4] = bend[1:4, 0] = 0.02, -0.01, 0.03
-    kernel = ScatterKernel(2, np.stack([bend] * 3), np.tile([1.0, 0.02, *7 * [0.0]], (3, 1)))
-    return replace(calibration, maps=replace(calibration.maps, kernel=kernel))
 
 
 def test_terms_have_the_order_of_the_kernels() -> None:
@@ -69,15 +61,6 @@ class TestUniforms:
 
 
 class TestTextures:
-    def test_are_the_fields(self, furnished: Calibration) -> None:
-        fields = Fields.of(furnished, 2 * SIZE)
-        found = textures(fields)
-        np.testing.assert_array_equal(found["spread"], fields.shown.spread)
-        np.testing.assert_array_equal(found["lo"], fields.shown.lo)
-        np.testing.assert_array_equal(found["hi"], fields.shown.hi)
-        np.testing.assert_array_equal(found["coverage"][..., 0], fields.shown.coverage)
-        assert {t.dtype for t in found.values()} == {np.dtype(np.float32)}
-
     def test_what_is_the_same_all_over_is_one_texel(self, calibration: Calibration) -> None:
         fields = Fields.of(calibration, SIZE)
         free = replace(fields, shown=replace(fields.shown, hi=None))
@@ -128,16 +111,18 @@ class Dome:
 
 
 class TestMoves:
-    def test_one_step_solves_what_no_limit_holds(self, furnished: Calibration) -> None:
-        dome = Dome(furnished, 0.5 + 0.3 * master_directions(SIZE)[0], limits=False)
+    def test_one_step_solves_what_no_limit_holds(self, calibration: Calibration) -> None:
+        dome = Dome(furnished(calibration, 2), 0.5 + 0.3 * master_directions(SIZE)[0], limits=False)
         first = dome.step(np.zeros((3, 9)))
         np.testing.assert_allclose(dome.step(first), first, atol=1e-5 * np.abs(first).max())
 
     def test_steps_lead_to_numbers_that_agree_with_their_light(
-        self, furnished: Calibration
+        self, calibration: Calibration
     ) -> None:
         """Against plain iteration, which is slow but needs no slope: its factor is m."""
-        dome = Dome(furnished, np.clip(0.2 + 0.6 * master_directions(SIZE)[0], 0, None))
+        dome = Dome(
+            furnished(calibration, 2), np.clip(0.2 + 0.6 * master_directions(SIZE)[0], 0, None)
+        )
         exact = np.zeros((3, 9))
         for _ in range(40):
             exact = dome.fields.coefficients_of(dome.moments(exact))
@@ -147,8 +132,3 @@ class TestMoves:
             errors.append(np.abs(numbers - exact).max())
         assert errors[-1] < 1e-5 * np.abs(exact).max()
         assert errors[2] < 0.05 * errors[0]
-
-    def test_on_a_bare_sphere_only_the_first_number_moves(self, calibration: Calibration) -> None:
-        dome = Dome(calibration, np.full((SIZE, SIZE, 3), 0.6))
-        numbers = dome.step(np.zeros((3, 9)))
-        assert (numbers[:, 0] > 0).all() and not numbers[:, 1:].any()

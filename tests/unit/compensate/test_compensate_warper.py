@@ -66,12 +66,6 @@ def test_8_bits_are_the_exact_drives_dithered(
         assert (found[name] <= np.floor(value + CLOSE)).all()
 
 
-def test_without_thresholds_8_bits_are_rounded(venue: Calibration, codes: np.ndarray) -> None:
-    for name, frame in Warper(venue, N).frame(codes).items():
-        value = 255 * _exact(codes, venue)[name]
-        np.testing.assert_allclose(frame, value, atol=0.5 + CLOSE)
-
-
 @pytest.mark.parametrize("kind", [np.uint16, np.float16])
 def test_other_masters_are_linear(calibration: Calibration, codes: np.ndarray, kind: type) -> None:
     light = srgb_decode(codes / 255)

@@ -7,35 +7,17 @@ from typing import Any
 
 import numpy as np
 import pytest
+from fake_devices import SIZE, Clock, Control, Projector, nothing
 
 from procam.devices.guard import Guard
-from procam.devices.protocols import ControlState, Power, Shown
+from procam.devices.protocols import Power, Shown
 from procam.devices.rig import Rig
 from procam.errors import InputError, WrongState
 from procam.threads import start
 
 STUCK_S = 20.0
 WHY = InputError("somebody may be in the dome")
-SIZE = 8, 6
 WHITE = np.ones((SIZE[1], SIZE[0], 3), np.float32)
-
-
-def nothing() -> None:
-    """What a device does in a call, beside what it is asked for."""
-
-
-class Projector:
-    name, size = "p", SIZE
-
-    def __init__(self) -> None:
-        self.lit, self.times_lit, self.meanwhile = False, 0, nothing
-
-    def show(self, drive: np.ndarray) -> Shown:
-        if drive.any():
-            self.times_lit += 1
-            self.meanwhile()
-        self.lit = bool(drive.any())
-        return Shown(drive, 0.0)
 
 
 class Camera:
@@ -50,46 +32,6 @@ class Camera:
     def capture(self) -> str:
         self.meanwhile()
         return "a photograph"
-
-
-class Control:
-    def __init__(self) -> None:
-        self.power, self.open, self.meanwhile = Power.ON, False, nothing
-
-    def state(self) -> ControlState:
-        return ControlState(self.power)
-
-    def set_power(self, on: bool) -> None:
-        self.meanwhile()
-        self.power = Power.ON if on else Power.STANDBY
-        self.open = self.open or on
-
-    def set_shutter(self, closed: bool) -> None:
-        if self.power is not Power.ON:
-            raise WrongState("switch it on first")
-        if not closed:
-            self.meanwhile()
-        self.open = not closed
-
-    def set_input(self, source: str) -> None:
-        self.meanwhile()
-
-    def close(self) -> None:
-        """Nothing to do."""
-
-
-class Clock:
-    """Time that goes by in no time; `due` is called each time."""
-
-    def __init__(self) -> None:
-        self.t_s, self.due = 0.0, nothing
-
-    def now_s(self) -> float:
-        return self.t_s
-
-    def sleep(self, duration_s: float) -> None:
-        self.t_s += duration_s
-        self.due()
 
 
 class Bench:

@@ -35,6 +35,14 @@ class Projector:
         self.lit = bool(drive.any())
 
 
+class Broken(Projector):
+    """Does what is due, and is gone."""
+
+    def show(self, drive: np.ndarray) -> None:
+        super().show(drive)
+        raise OSError("no such device")
+
+
 @pytest.fixture(autouse=True)
 def handlers() -> None:
     """Python's own for Ctrl-C, and for the others one that a test would notice."""
@@ -190,10 +198,6 @@ def test_a_signal_is_neither_raised_nor_lost_in_another_thread(fails: bool) -> N
 
 
 def test_all_rigs_are_made_dark_whatever_fails() -> None:
-    class Broken(Projector):
-        def show(self, _: np.ndarray) -> None:
-            raise OSError("no such device")
-
     good = Projector()
     with pytest.raises(DeviceError, match="may still be lit"), interruptible():
         rig_of(good).__enter__()
@@ -212,10 +216,6 @@ def test_a_handler_that_is_not_python_s_is_left_alone(monkeypatch: pytest.Monkey
 
 
 def test_a_projector_that_does_not_answer_is_named_and_nothing_is_called_dark() -> None:
-    class Broken(Projector):
-        def show(self, _: np.ndarray) -> None:
-            raise OSError("no such device")
-
     good = Projector()
     with pytest.raises(Exception, match=r"may still be lit: p0 \(no such device\); close"):
         with interruptible() as run, rig_of(Broken(), good):
@@ -224,10 +224,6 @@ def test_a_projector_that_does_not_answer_is_named_and_nothing_is_called_dark() 
 
 
 def test_a_rig_that_is_dark_does_not_make_another_one_dark() -> None:
-    class Broken(Projector):
-        def show(self, _: np.ndarray) -> None:
-            raise OSError("no such device")
-
     with interruptible() as run:
         assert not run.left_dark  # none was used
         with pytest.raises(DeviceError), rig_of(Broken()):
@@ -239,11 +235,6 @@ def test_a_rig_that_is_dark_does_not_make_another_one_dark() -> None:
 
 def test_a_rig_that_fails_at_the_very_end_leaves_no_signal_ignored() -> None:
     """In a notebook the next run must be one that Ctrl-C stops."""
-
-    class Broken(Projector):
-        def show(self, drive: np.ndarray) -> None:
-            super().show(drive)
-            raise OSError("no such device")
 
     broken = Broken()
     broken.due = [signal.SIGINT]

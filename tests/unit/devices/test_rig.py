@@ -1,77 +1,26 @@
 """The rig leaves projectors dark, whatever happens."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import pytest
+from fake_devices import Clock, Control, Projector
 
-from procam.devices.protocols import BackendRig, ControlState, Power, Shown
+from procam.devices.protocols import BackendRig, Power, Shown
 from procam.devices.rig import Rig, open_backend, open_control
-from procam.errors import DeviceError, DeviceTimeout, InputError
-
-
-class Projector:
-    """Remembers what it shows."""
-
-    def __init__(self, name: str, size: tuple[int, int] = (8, 6)) -> None:
-        self.name, self.size = name, size
-        self.drive = np.ones((size[1], size[0], 3), np.float32)
-
-    def show(self, drive: np.ndarray) -> Shown:
-        assert drive.shape == self.drive.shape
-        self.drive = drive
-        return Shown(drive, 0.0)
-
-
-class Control:
-    """Records the calls."""
-
-    def __init__(self, log: list[str], name: str, power: Power = Power.ON) -> None:
-        self.log, self.name, self.power = log, name, power
-        self.broken = False
-
-    def state(self) -> ControlState:
-        if self.broken:
-            raise DeviceTimeout("nobody home")
-        return ControlState(self.power)
-
-    def set_power(self, on: bool) -> None:
-        self.power = Power.ON if on else Power.STANDBY
-        self.log.append(f"{self.name} power {on}")
-
-    def set_shutter(self, closed: bool) -> None:
-        self.log.append(f"{self.name} shutter {closed}")
-
-    def set_input(self, source: str) -> None:
-        self.log.append(f"{self.name} input {source}")
-
-    def close(self) -> None:
-        self.log.append(f"{self.name} close")
-
-
-class Clock:
-    """Stands still; something may be due when it sleeps."""
-
-    def __init__(self, due: Callable[[], None] = lambda: None) -> None:
-        self._due = due
-
-    def now_s(self) -> float:
-        return 0.0
-
-    def sleep(self, duration_s: float) -> None:
-        self._due()
+from procam.errors import DeviceError, InputError
 
 
 def _rig(log: list[str], controls: Mapping[str, Any] | None = None) -> Rig:
     if controls is None:
-        controls = {"a": Control(log, "a"), "b": Control(log, "b")}
-    projectors = {"a": Projector("a"), "b": Projector("b")}
+        controls = {name: Control(name, log=log) for name in "ab"}
+    projectors = {name: Projector(name, lit=True) for name in "ab"}
     return Rig({}, projectors, controls, Clock(), (lambda: log.append("closer"),))
 
 
 def _dark(rig: Rig) -> bool:
-    return not any(p.drive.any() for p in rig.projectors.values())  # type: ignore[attr-defined]
+    return not any(p.lit for p in rig.projectors.values())  # type: ignore[attr-defined]
 
 
 class TestWayOut:
@@ -92,13 +41,13 @@ class TestWayOut:
 
     def test_one_failing_projector_does_not_keep_the_others_lit(self) -> None:
         log: list[str] = []
-        broken = Control(log, "b")
+        broken = Control("b", log=log)
         broken.broken = True
         with (
             pytest.raises(
                 DeviceError, match=r"still be lit: b \(nobody home\); close its shutter or switch"
             ),
-            _rig(log, {"a": Control(log, "a"), "b": broken}) as rig,
+            _rig(log, {"a": Control("a", log=log), "b": broken}) as rig,
         ):
             pass
         assert _dark(rig)
@@ -106,7 +55,7 @@ class TestWayOut:
 
     def test_what_is_lit_is_said_even_if_a_connection_does_not_close(self) -> None:
         log: list[str] = []
-        broken = Control(log, "b")
+        broken = Control("b", log=log)
         broken.broken = True
 
         def close() -> None:
@@ -115,7 +64,7 @@ class TestWayOut:
         broken.close = close  # type: ignore[method-assign]
         with (
             pytest.raises(DeviceError, match=r"still be lit: b \(nobody home\)"),
-            _rig(log, {"a": Control(log, "a"), "b": broken}),
+            _rig(log, {"a": Control("a", log=log), "b": broken}),
         ):
             pass
 
@@ -139,8 +88,8 @@ class TestWayOut:
 
     def test_one_lamp_that_stays_on_does_not_keep_others_on(self) -> None:
         log: list[str] = []
-        broken = Control(log, "a")
-        rig = _rig(log, {"a": broken, "b": Control(log, "b")})
+        broken = Control("a", log=log)
+        rig = _rig(log, {"a": broken, "b": Control("b", log=log)})
         message = r"were off before may still be on: a \(nobody home\); switch them off by hand"
         with pytest.raises(DeviceError, match=message), rig:
             rig.borrowed = ["a", "b"]
@@ -161,9 +110,9 @@ class TestWayOut:
 
     def test_a_lamp_that_warms_up_is_waited_for(self) -> None:
         log: list[str] = []
-        control = Control(log, "a", Power.WARMING)
+        control = Control("a", Power.WARMING, log)
         rig = _rig(log, {"a": control})
-        rig.clock = Clock(lambda: setattr(control, "power", Power.ON))
+        rig.clock.due = lambda: setattr(control, "power", Power.ON)  # type: ignore[attr-defined]
         with rig:
             pass
         assert log == ["a shutter True", "a close", "closer"]
@@ -177,7 +126,7 @@ class TestWayOut:
 class TestLight:
     def test_start_switches_on_what_is_off_and_makes_it_dark(self) -> None:
         log: list[str] = []
-        rig = _rig(log, {"a": Control(log, "a", Power.STANDBY), "b": Control(log, "b")})
+        rig = _rig(log, {"a": Control("a", Power.STANDBY, log), "b": Control("b", log=log)})
         rig.start()
         assert "a power True" in log and "b power True" not in log
         assert _dark(rig)
@@ -185,9 +134,9 @@ class TestLight:
 
     def test_black_is_shown_before_a_lamp_is_on(self) -> None:
         """While it warms up it refuses its shutter."""
-        control, lit = Control([], "a", Power.STANDBY), list[bool]()
+        control, lit = Control("a", Power.STANDBY), list[bool]()
         rig: Any = _rig([], {"a": control})
-        control.set_power = lambda _: lit.append(rig.projectors["a"].drive.any())  # type: ignore[method-assign]
+        control.set_power = lambda _: lit.append(rig.projectors["a"].lit)  # type: ignore[method-assign]
         rig.start()
         assert lit == [False]
 
@@ -198,7 +147,7 @@ class TestLight:
 
     def test_a_projector_in_standby_is_left_alone(self) -> None:
         log: list[str] = []
-        rig = _rig(log, {"a": Control(log, "a", Power.STANDBY)})
+        rig = _rig(log, {"a": Control("a", Power.STANDBY, log)})
         rig.darken("a")
         assert log == []
 

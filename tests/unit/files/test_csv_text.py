@@ -9,11 +9,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from procam.files.csv_text import FORMULA, csv_text, without_mark
+from procam.files.csv_text import FORMULA, csv_text
 from procam.model.plan import Plan, Shot
 from procam.workflows.capture import by_hand
 from procam.workflows.photographs.orders import OrderRow, order_table
 from procam.workflows.playout.compensate import write_report
+from studies.preference.answers import without_mark
 
 ROOT = Path(__file__).parents[3]
 ESCAPED = (r"\t", r"\r", r"\n", r"\uff1d", r"\uff0b", r"\uff0d", r"\uff20")

@@ -10,10 +10,10 @@ from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 
-import av
 import numpy as np
 import OpenImageIO as oiio
 import pytest
+from lossless_movies import write_lossless
 from small_files import files_up_to
 
 from procam.errors import FileFormatError
@@ -36,14 +36,9 @@ STILLS = [((CODES >> 8).astype(np.uint8), 1), ((CODES >> 9).astype(np.uint8), 1)
 @pytest.fixture(scope="module", autouse=True)
 def source(tmp_path_factory: pytest.TempPathFactory) -> None:
     """The movie that `compensated` copies."""
-    with av.open(str(tmp_path_factory.getbasetemp() / SOURCE), "w") as movie:
-        stream = movie.add_stream("ffv1", rate=25)
-        stream.width, stream.height, stream.pix_fmt = 96, 64, "bgr0"
-        for shift in range(8):
-            picture = np.roll((CODES >> 8).astype(np.uint8), shift, axis=1)
-            frame = av.VideoFrame.from_ndarray(picture, format="rgb24").reformat(format="bgr0")
-            movie.mux(stream.encode(frame))
-        movie.mux(stream.encode())
+    picture = (CODES >> 8).astype(np.uint8)
+    shifted = (np.roll(picture, shift, axis=1) for shift in range(8))
+    write_lossless(tmp_path_factory.getbasetemp() / SOURCE, shifted)
 
 
 def compensated(path: Path) -> None:

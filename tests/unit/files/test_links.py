@@ -7,12 +7,12 @@ import pytest
 from bundles import WHITE, take_session
 from bundles import make_venue as bundles_venue
 
-from procam.files.atomic import append_line, write_text
+from procam.files.atomic import append_line
 from procam.files.history.store import NAME, readable, written
 from procam.files.lock import locked
 from procam.files.session import Session
 from procam.files.session_tables import StoredFrame
-from procam.interfaces.cli._run_log import RunLog, end_log
+from procam.interfaces.cli._output import RunLog, end_log
 from procam.interfaces.cli._system_errors import worded
 from procam.workflows.capture.by_hand import _export
 
@@ -119,10 +119,3 @@ def test_pictures_to_show_that_are_links(tmp_path: Path, target: Path) -> None:
         _export(session, out, movie=False)
     assert refused(caught.value, link)
     assert target.read_text() == KEPT
-
-
-def test_a_file_that_is_replaced_takes_the_place_of_a_link(venue: Path, target: Path) -> None:
-    (venue / "venue.toml").symlink_to(target)
-    (venue / ".venue.toml.tmp.toml").symlink_to(target)
-    write_text(venue / "venue.toml", "new")
-    assert (venue / "venue.toml").read_text() == "new" and target.read_text() == KEPT

@@ -10,7 +10,6 @@ from mesh_shapes import box, cylinder, hemisphere, scattered_sphere
 
 from procam.errors import FileFormatError
 from procam.files.meshes import load_mesh
-from procam.maths.mesh.raycast import MeshTracer
 
 Mesh = tuple[np.ndarray, np.ndarray]
 
@@ -77,9 +76,6 @@ class TestGoodMeshes:
         assert screen.faces.dtype == np.int32
         assert not screen.smooth
 
-    def test_smooth_is_kept(self, tmp_path: Path) -> None:
-        assert load_mesh(write_obj(tmp_path / "a.OBJ", *SHAPES["dome"]), smooth=True).smooth
-
     def test_polygons_become_triangles(self, tmp_path: Path) -> None:
         path = tmp_path / "wall.obj"
         path.write_text("v 3 -1 0\nv 3 1 0\nv 3 1 2\nv 3 -1 2\nf 1 4 3 2\n")
@@ -96,12 +92,6 @@ class TestGoodMeshes:
         )
         assert len(screen.vertices) == len(vertices)
         assert len(screen.faces) == len(faces)
-
-    def test_rays_meet_what_was_loaded(self, tmp_path: Path) -> None:
-        screen = load_mesh(write_ply(tmp_path / "a.ply", *hemisphere(8.0, 40)), smooth=True)
-        tracer = MeshTracer(screen.vertices, screen.faces, smooth=screen.smooth)
-        point = tracer.intersect(np.array([1.0, 0, 0]), np.array([0.0, 0.6, 0.8]))
-        assert np.linalg.norm(point) == pytest.approx(8.0, abs=1e-5)
 
     @pytest.mark.parametrize("shape", ["dome", "room"])
     def test_vertices_of_no_face_are_left_out(self, shape: str, tmp_path: Path) -> None:

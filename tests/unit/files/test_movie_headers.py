@@ -2,32 +2,22 @@
 
 from pathlib import Path
 
-import av
 import numpy as np
 import pytest
+from lossless_movies import write_lossless
 
 from procam.errors import FileFormatError
 from procam.files.images import movies
 from procam.files.images.matroska import header_is_whole
+from procam.files.images.movie_writer import new_movie
 from procam.files.images.movies import MovieReader
 
+GREYS = [np.full((48, 64, 3), level, np.uint8) for level in (0, 50, 100)]
 WIDTH = b"\xb0\x81"  # the element of the pictures' width, and its length
 
 
-def movie(path: Path, codec: str, layout: str) -> Path:
-    with av.open(str(path), "w") as made:
-        stream = made.add_stream(codec, rate=25)
-        stream.width, stream.height, stream.pix_fmt = 64, 48, layout
-        for level in range(3):
-            rgb = np.full((48, 64, 3), 50 * level, np.uint8)
-            frame = av.VideoFrame.from_ndarray(rgb, format="rgb24")
-            made.mux(stream.encode(frame.reformat(format=layout)))
-        made.mux(stream.encode())
-    return path
-
-
 def test_another_width(tmp_path: Path) -> None:
-    path = movie(tmp_path / "a.mkv", "ffv1", "bgr0")
+    path = write_lossless(tmp_path / "a.mkv", GREYS)
     content = path.read_bytes()
     assert header_is_whole(path)
     assert content.count(WIDTH + b"\x40") == 1
@@ -37,20 +27,18 @@ def test_another_width(tmp_path: Path) -> None:
 
 
 def test_a_header_without_checksums_is_taken_as_it_is(tmp_path: Path) -> None:
-    path = tmp_path / "a.mkv"
-    with av.open(str(path), "w", options={"write_crc32": "0"}) as made:
-        stream = made.add_stream("ffv1", rate=25)
-        stream.width, stream.height, stream.pix_fmt = 64, 48, "bgr0"
-        frame = av.VideoFrame.from_ndarray(np.zeros((48, 64, 3), np.uint8), format="rgb24")
-        made.mux(stream.encode(frame.reformat(format="bgr0")))
-        made.mux(stream.encode())
+    path = write_lossless(tmp_path / "a.mkv", GREYS, write_crc32="0")
     assert header_is_whole(path)
     with MovieReader(path) as opened:
-        assert len(list(opened)) == 1
+        assert len(list(opened)) == len(GREYS)
 
 
 def test_a_frame_that_says_it_is_huge(tmp_path: Path) -> None:
-    path = movie(tmp_path / "a.mov", "prores_ks", "yuv422p10le")
+    path = tmp_path / "a.mov"
+    source = write_lossless(tmp_path / "a.mkv", GREYS)
+    with MovieReader(source) as reader, new_movie(path, reader, transfer="srgb") as made:
+        for each in reader:
+            made.write(each.rgb, each)
     content = bytearray(path.read_bytes())
     at = content.find(b"icpf") + 12
     assert content[at : at + 4] == (64).to_bytes(2, "big") + (48).to_bytes(2, "big")
@@ -64,7 +52,7 @@ def test_a_frame_that_says_it_is_huge(tmp_path: Path) -> None:
 
 
 def test_a_header_that_says_it_is_huge(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = movie(tmp_path / "a.mkv", "ffv1", "bgr0")
+    path = write_lossless(tmp_path / "a.mkv", GREYS)
     monkeypatch.setattr(movies, "MOST_PIXELS", 1000)
     with pytest.raises(FileFormatError, match="says that pictures are 64x48 px"):
         MovieReader(path)

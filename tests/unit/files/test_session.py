@@ -91,18 +91,12 @@ class TestPlan:
                 "shot 0 is damaged (id: '../../x' is no name that procam gives",
             ),
             (_plan_with(pattern="patterns/../../x.png"), "shot 0 is damaged (pattern: '"),
-            (_plan_with(pattern="/etc/x.png"), "shot 0 is damaged (pattern: '"),
             (
                 _plan_with(exposures_s=[0]),
                 "shot 0 is damaged (exposures_s.0: input should be greater",
             ),
-            (
-                _plan_with(exposures_s=[]),
-                "shot 0 is damaged (exposures_s: list should have at least 1",
-            ),
             (_plan_with(twice=True), "two shots are called a; restore"),
             ('{"schema": 1, "shots": ["a"]}', "shot 0 is damaged"),
-            ("\ufeff{", "damaged JSON"),
             ("[" * 100000, "damaged JSON"),
         ],
     )
@@ -175,20 +169,6 @@ class TestIndexInMemory:
         assert len(other.stored("zenith")) == 3
         other.store("zenith", WHITE, 0.5, _frame(4))
         assert len(stored.stored("zenith")) == 4
-
-    def test_a_session_in_memory_equals_a_new_one(self, stored: Session) -> None:
-        assert stored == Session(stored.directory)
-        assert hash(stored) == hash(Session(stored.directory))
-        assert stored.stored("zenith") == Session(stored.directory).stored("zenith")
-
-    def test_appends_after_a_kill_follow_the_last_complete_line(self, stored: Session) -> None:
-        index = _file(stored, "index.jsonl")
-        with index.open("ab") as file:
-            file.write(b'{"shot": "south-0001", "expo')
-        stored.store("zenith", CODE, 0.1, _frame(3))
-        lines = index.read_text().splitlines()
-        assert [json.loads(line)["exposure_s"] for line in lines] == [0.1, 0.25, 0.1]
-        assert len(Session(stored.directory).stored("zenith")) == 3
 
 
 class TestDamage:

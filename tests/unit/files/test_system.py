@@ -6,19 +6,12 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from held_folder import held_by
 
 from procam.errors import InputError
 from procam.files import atomic, system
 from procam.files.lock import locked
 
-HOLD = """
-import sys
-from pathlib import Path
-from procam.files.lock import locked
-with locked(Path(sys.argv[1]), "solve"):
-    print("held", flush=True)
-    sys.stdin.read()
-"""
 WINDOWS = """
 import pkgutil, sys
 from unittest.mock import MagicMock
@@ -32,9 +25,7 @@ for module in pkgutil.walk_packages(procam.__path__, "procam."):
 
 
 def test_a_folder_is_held_until_its_process_is_killed(tmp_path: Path) -> None:
-    command = [sys.executable, "-c", HOLD, str(tmp_path)]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
-        assert other.stdout and other.stdout.readline() == b"held\n"
+    with held_by("solve", tmp_path) as other:
         refused = rf"`procam solve` \(process {other.pid}\) is at work there; wait until"
         with pytest.raises(InputError, match=refused), locked(tmp_path, "capture"):
             pass

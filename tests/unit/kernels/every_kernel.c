@@ -11,7 +11,6 @@
 int procam_levels(void);
 void procam_search(int, int, int, size_t, const void *const *, const struct procam_search *,
                    float *const *);
-void procam_areas(int, int, size_t, size_t, const double *const *, double *);
 void procam_bundle(int, int, size_t, const struct procam_bundle *, int, size_t, double *, double *);
 void procam_residuals(int, int, size_t, const struct procam_bundle *, double *);
 void procam_rays(int, int, size_t, const double *, const double *, int, const double *, double,
@@ -74,20 +73,6 @@ static void search(int level, int threads, int kind, size_t n, void *const *fram
         for (int i = 0; i < RESULTS; i++) keep('s', 4, out[i], n), free(out[i]);
         free(weights), free(terms), free(rotations);
     }
-}
-
-/* Corners over the whole sphere, so that both the series and the arctangent are taken. */
-static void areas(int level, int threads, size_t rows, size_t columns) {
-    double **corners = room((rows + 1) * sizeof(double *)), *found = room(rows * columns * 8);
-    for (size_t r = 0; r <= rows; r++) {
-        corners[r] = room(3 * (columns + 1) * sizeof(double));
-        for (size_t i = 0; i < 3 * (columns + 1); i++)
-            corners[r][i] = rand() % 9 ? (double)(rand() % 2001 - 1000) / 1000 : NAN;
-    }
-    procam_areas(level, threads, rows, columns, (const double *const *)corners, found);
-    keep('d', 8, found, rows * columns);
-    for (size_t r = 0; r <= rows; r++) free(corners[r]);
-    free(corners), free(found);
 }
 
 /* Numbers between -1 and 1; NaN among them. */
@@ -233,9 +218,6 @@ int main(int count, char **arguments) {
                 search(level, threads, kind, sizes[i] < 3000 ? sizes[i] : 2047, frames);
                 for (int k = 0; k < FRAMES; k++) free(frames[k]);
             }
-        for (size_t rows = 0; rows < 40; rows += 13)
-            for (size_t columns = 0; columns < 600; columns += 1 + columns / 2)
-                areas(level, 1 + (int)(columns % 2), rows, columns);
         for (size_t i = 0; i < sizeof sizes / sizeof *sizes; i++) {
             rays(level, 1 + (int)(i % 2), sizes[i]);
             for (int kinds = 0; kinds < 8 && sizes[i] < 3000; kinds++) {

@@ -7,7 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from procam.kernels.frame import Coding, FrameModel, frame_apply, frame_sums, scattered_light
+from procam.kernels.frame.api import frame_apply, frame_sums, scattered_light
+from procam.kernels.frame.coding import Coding
+from procam.kernels.frame.model import FrameModel
 from procam.kernels.native.arrays import aligned, pointer
 from procam.maths.codes.dither import threshold_tile
 from procam.maths.geometry.sphere import master_directions, master_solid_angles

@@ -185,27 +185,6 @@ def test_the_axis_of_a_fisheye(level: str) -> None:
         assert_same(found, reference_bundle.bundle_equations(pair, ray, seen, weight, None, True))
 
 
-def test_no_weight_is_no_observation(level: str) -> None:
-    block, ray, seen, weight, _ = case(100)
-    weight[50:] = 0
-    assert_same(
-        kernels.bundle_equations(block, ray, seen, weight),
-        reference_bundle.bundle_equations(block, ray[:50], seen[:50], weight[:50], None, False),
-    )
-
-
-def test_fixed_lens_and_pupil_have_no_rows(level: str) -> None:
-    given = case(100)
-    free = kernels.bundle_equations(*given, lens_free=True)
-    fixed = kernels.bundle_equations(*given)
-    inner = slice(7, 7 + 8 + 2)
-    assert not fixed.matrix[inner].any() and not fixed.gradient[inner].any()
-    outer = np.r_[:7, 17 : len(fixed.gradient)]
-    np.testing.assert_allclose(
-        fixed.matrix[np.ix_(outer, outer)], free.matrix[np.ix_(outer, outer)], rtol=1e-9
-    )
-
-
 def test_threads_change_nothing(level: str) -> None:
     block, ray, seen, weight, derivatives = case(5000, degree=2)
     found = []

@@ -1,5 +1,6 @@
 """Frame kernels against their reference implementation, and that against sums pixel by pixel."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import cv2
@@ -8,16 +9,10 @@ import pytest
 
 from procam import kernels
 from procam.errors import InputError, ShapeError
-from procam.kernels.frame import (
-    FrameModel,
-    frame_apply,
-    frame_sums,
-    scattered_light,
-)
-from procam.kernels.frame.api import MODES
+from procam.kernels.frame.api import MODES, frame_apply, frame_sums, scattered_light
 from procam.kernels.frame.coding import Coding
 from procam.kernels.frame.grid import Grid
-from procam.kernels.frame.model import SPARE, padded, zeros_to_pad
+from procam.kernels.frame.model import SPARE, FrameModel, padded, zeros_to_pad
 from procam.kernels.native.curve import Curve
 from procam.maths.codes.dither import threshold_tile
 from procam.maths.geometry.sphere import master_directions, master_solid_angles
@@ -78,6 +73,76 @@ def numbers() -> np.ndarray:
     return found
 
 
+Picture = tuple[FrameModel, np.ndarray, np.ndarray, Coding]  # and its scattered light and coding
+
+
+def light_with_gain_and_limits(kind: type) -> Picture:
+    dome = model(300, 130, 9, 1)
+    return dome, picture(300, kind), scattered_light(dome, numbers()), coding(kind)
+
+
+def light_below_zero(kind: type) -> Picture:
+    """It does not lift what is sent."""
+    dome = model(300, 256, 4, 3)
+    light = scattered_light(dome, numbers())
+    light[100:130, 90:180] = -0.3
+    return dome, np.full((300, 300, 3), WHOLE.get(kind, 1), kind), light, coding(kind)
+
+
+def a_hole(kind: type) -> Picture:
+    """Below rows where nothing is lit, fields are read anew."""
+    dome = model(300, 100, 4)
+    lit = np.ones((100, 100), np.float32)
+    lit[40:60] = 0
+    ramp = np.linspace(0, 0.5, 100, dtype=np.float32)[:, None, None]
+    dome = replace(
+        dome,
+        lo=np.ascontiguousarray(dome.lo + ramp),
+        coverage=dome.coverage * lit,
+        solid_angle_sr=dome.solid_angle_sr * lit,
+    )
+    return dome, picture(300, kind), scattered_light(dome, numbers()), coding(kind)
+
+
+def black_under_lamps(kind: type) -> Picture:
+    dome = model(300, 256, 9)
+    dome = replace(dome, lo=np.full_like(dome.lo, 1e-4), ambient=np.full_like(dome.lo, 0.7))
+    light = scattered_light(dome, 1e-4 * numbers())
+    return dome, np.zeros((300, 300, 3), kind), light, coding(kind)
+
+
+def black_brighter_than_the_top(kind: type) -> Picture:
+    dome = model(300, 256, 1, 3)
+    dome = replace(dome, lo=dome.lo + 1.5)
+    light = scattered_light(dome, numbers())
+    return dome, picture(300, kind), light, replace(coding(kind), top=1.0)
+
+
+def a_low_top(kind: type) -> Picture:
+    dome = model(300, 256, 1, 3)
+    light = scattered_light(dome, numbers())
+    return dome, picture(300, kind), light, replace(coding(kind), top=0.4)
+
+
+SCENES = [
+    light_with_gain_and_limits,
+    light_below_zero,
+    a_hole,
+    black_under_lamps,
+    black_brighter_than_the_top,
+    a_low_top,
+]
+
+
+def computed(level: str, scene: Picture) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What is sent, and its sums: those found while writing, and those without writing."""
+    dome, content, light, how = scene
+    written = np.empty((3, dome.terms))
+    with kernels.forced(level):
+        sent = frame_apply(dome, content, light, how, None, written).astype(float)
+        return sent, written, frame_sums(dome, content, light, "light", how)
+
+
 class TestAgainstTheReference:
     @pytest.mark.parametrize(("size", "nodes", "terms", "kind", "seed", "strength"), CASES)
     def test_sums(
@@ -108,44 +173,16 @@ class TestAgainstTheReference:
         assert off.max() <= STEP[kind]
         assert (off > 0).mean() < (0.01 if kind is not np.float32 else 1)  # at ties of the rounding
 
-    @pytest.mark.parametrize(("kind", "seed"), [*zip(TYPES, (0, 1, 3, 3), strict=True)])
-    def test_writing_gives_the_same_sums(self, level: str, kind: type, seed: int) -> None:
-        dome, content, how = model(300, 130, 9, seed), picture(300, kind), coding(kind)
-        light, found = scattered_light(dome, numbers()), np.empty((3, 9))
-        frame_apply(dome, content, light, how, None, found)
-        expected = frame_sums(dome, content, light, "light", how)
-        close = 0 if kind is np.float32 else 2e-8 * np.abs(expected).max()
-        np.testing.assert_allclose(found, expected, rtol=0, atol=close)
-
-    @pytest.mark.parametrize(("kind", "seed"), [*zip(TYPES, (0, 3, 0, 1), strict=True)])
-    def test_light_below_zero_does_not_lift_what_is_sent(
-        self, level: str, kind: type, seed: int
-    ) -> None:
-        dome, how = model(300, 256, 4, seed), coding(kind)
-        light = scattered_light(dome, numbers())
-        light[100:130, 90:180] = -0.3
-        content = np.full((300, 300, 3), WHOLE.get(kind, 1), kind)
-        found = frame_sums(dome, content, light, "light", how)
-        with kernels.forced("numpy"):
-            expected = frame_sums(dome, content, light, "light", how)
-        np.testing.assert_allclose(found, expected, rtol=0, atol=3e-7 * np.abs(expected).max())
-
-    def test_below_a_hole_fields_are_read_anew(self, level: str) -> None:
-        dome, content, how = model(300, 100, 4), picture(300, np.float32), coding(np.float32)
-        hole = np.ones((100, 100, 1), np.float32)
-        hole[40:60] = 0
-        ramp = np.linspace(0, 0.5, 100, dtype=np.float32)[:, None, None]
-        dome = replace(
-            dome,
-            lo=np.ascontiguousarray(dome.lo + ramp),
-            coverage=dome.coverage * hole[..., 0],
-            solid_angle_sr=dome.solid_angle_sr * hole[..., 0],
-        )
-        light = scattered_light(dome, numbers())
-        found = frame_apply(dome, content, light, how)
-        with kernels.forced("numpy"):
-            expected = frame_apply(dome, content, light, how)
-        np.testing.assert_allclose(found, expected, rtol=0, atol=3e-7)
+    @pytest.mark.parametrize("kind", TYPES)
+    @pytest.mark.parametrize("scene", SCENES, ids=lambda scene: scene.__name__)
+    def test_scenes(self, level: str, scene: Callable[[type], Picture], kind: type) -> None:
+        given = scene(kind)
+        sent, written, read = computed(level, given)
+        expected, _, sums = computed("numpy", given)
+        assert np.abs(sent - expected).max() <= STEP[kind]
+        for found in (written, read):
+            np.testing.assert_allclose(found, sums, rtol=0, atol=CLOSE[kind] * np.abs(sums).max())
+        np.testing.assert_allclose(written, read, rtol=0, atol=2e-8 * np.abs(read).max())
 
     def test_one_node_whatever_lies_behind_it(self, level: str) -> None:
         one = np.ones((1, 1, 3), np.float32)
@@ -155,11 +192,6 @@ class TestAgainstTheReference:
         spoilt = np.full(3 + SPARE, np.nan, np.float32)
         light = scattered_light(dome, numbers(), out=spoilt[:3].reshape(1, 1, 3))
         np.testing.assert_allclose(frame_apply(dome, content, light, how), 0.5)
-
-    def test_light_is_written_where_it_is_wanted(self, level: str) -> None:
-        dome, room = model(64, 20, 9), np.full((20, 20, 3), 7, np.float32)
-        assert scattered_light(dome, numbers(), out=room) is room
-        np.testing.assert_array_equal(room, scattered_light(dome, numbers()))
 
     def test_light_is_written_nowhere_else(self, level: str) -> None:
         dome, kept = model(64, 20, 1), np.zeros((20, 20, 3), np.float32)
@@ -189,50 +221,6 @@ class TestAgainstTheReference:
     def test_black_is_code_0(self, level: str) -> None:
         with pytest.raises(InputError, match=r"encode: light 0 is coded as 0\.0627; black must"):
             replace(coding(np.uint8), encode=lambda light: (16 + 219 * light) / 255)
-
-    @pytest.mark.parametrize("kind", TYPES)
-    def test_a_dark_picture_under_lamps(self, level: str, kind: type) -> None:
-        dome = model(300, 256, 9)
-        room = np.full_like(dome.lo, 0.7)
-        dark = replace(dome, lo=np.full_like(dome.lo, 1e-4), ambient=room)
-        content, how, written = np.zeros((300, 300, 3), kind), coding(kind), np.empty((3, 9))
-        light = scattered_light(dark, 1e-4 * numbers())
-        frame_apply(dark, content, light, how, None, written)
-        read = frame_sums(dark, content, light, "light", how)
-        with kernels.forced("numpy"):
-            expected = frame_sums(dark, content, light, "light", how)
-        close = 3e-7 * np.abs(expected).max()
-        np.testing.assert_allclose(written, expected, rtol=0, atol=close)
-        np.testing.assert_allclose(read, expected, rtol=0, atol=close)
-
-    @pytest.mark.parametrize("kind", TYPES)
-    def test_black_brighter_than_what_is_sent_at_most(self, level: str, kind: type) -> None:
-        dome, content, how = model(300, 256, 1, 3), picture(300, kind), coding(kind)
-        dome, how = replace(dome, lo=dome.lo + 1.5), replace(how, top=1.0)
-        light = scattered_light(dome, numbers())
-        found = frame_sums(dome, content, light, "light", how)
-        with kernels.forced("numpy"):
-            expected = frame_sums(dome, content, light, "light", how)
-        np.testing.assert_allclose(found, expected, rtol=3e-7)
-
-    def test_a_part_of_a_larger_light(self, level: str) -> None:
-        dome, content, how = model(64, 64, 1), picture(64, np.float32), coding(np.float32)
-        wide = np.zeros((64, 80, 3), np.float32)
-        wide[:, :64] = scattered_light(dome, numbers())
-        found = frame_sums(dome, content, wide[:, :64], "light", how)
-        expected = frame_sums(dome, content, wide[:, :64].copy(), "light", how)
-        np.testing.assert_array_equal(found, expected)
-
-    @pytest.mark.parametrize(("kind", "top"), [*zip(TYPES, (0.4, 1.0, 0.4, 1.0), strict=True)])
-    def test_the_most_that_is_sent(self, level: str, kind: type, top: float) -> None:
-        dome, content = model(300, 256, 1, 3), picture(300, kind)
-        how, light, found = replace(coding(kind), top=top), scattered_light(dome, numbers()), {}
-        for name in (level, "numpy"):
-            with kernels.forced(name):
-                sent = frame_apply(dome, content, light, how).astype(float)
-                found[name] = sent, frame_sums(dome, content, light, "light", how)
-        assert np.abs(found[level][0] - found["numpy"][0]).max() <= STEP[kind]
-        np.testing.assert_allclose(found[level][1], found["numpy"][1], rtol=3e-7)
 
     @pytest.mark.parametrize("kind", TYPES)
     def test_light_below_black(self, level: str, kind: type) -> None:
@@ -317,13 +305,6 @@ class TestAgainstTheReference:
         assert frame_apply(dome, content, light, how, content) is content
         np.testing.assert_array_equal(content, expected)
 
-    def test_strided_content(self, level: str) -> None:
-        dome, how, content = model(97, 64, 1), coding(np.uint8), picture(97, np.uint8)
-        light = scattered_light(dome, numbers())
-        expected = frame_sums(dome, content, light, "light", how)
-        found = frame_sums(dome, np.asfortranarray(content), light, "light", how)
-        np.testing.assert_array_equal(found, expected)
-
     def test_nan_becomes_the_least_light(self, level: str) -> None:
         dome, how = model(64, 64, 1), coding(np.float32)
         content = np.full((64, 64, 3), np.nan, np.float32)
@@ -350,15 +331,6 @@ def test_encoding_is_within_a_tenth_of_a_step(level: str, size: int, name: str) 
 
 
 class TestPadded:
-    @pytest.mark.parametrize("shape", [(5, 5), (5, 5, 3)])
-    def test_a_field_with_zeros_after_it_is_not_copied(self, shape: tuple[int, ...]) -> None:
-        field = zeros_to_pad(shape)
-        field[...] = 2
-        found = padded(field)
-        assert found is not None
-        assert np.shares_memory(found, field)
-        assert (found.sum(), len(found)) == (2 * field.size, field.size + SPARE)
-
     def test_any_other_is(self) -> None:
         spoilt = zeros_to_pad((5, 5))
         spoilt.base[-1] = np.nan  # type: ignore[index]
@@ -375,39 +347,11 @@ class TestPadded:
 
 
 class TestGrid:
-    GRID = Grid(1024, 1024)  # four intervals make a band
-    ROW = np.arange(1024.0, dtype=np.float32)[:, None]
-
     def test_half_pixel_centres(self) -> None:
         grid = Grid(8, 4)
         positions = grid.above + grid.down
         np.testing.assert_allclose(positions[1:-1], (np.arange(8) / 2 - 0.25)[1:-1])
         assert grid.rows.tolist() == [0, 1, 3, 5, 7, 8]
-
-    def test_a_straight_field_goes_on_straight_at_edges_beyond_it(self) -> None:
-        edges = self.GRID.edges
-        assert (edges[0], edges[-1]) == (-1, 1027)
-        for slope in (0.01, -0.01):
-            found = self.GRID.at_edges(1 + slope * self.ROW)[:, 0]
-            np.testing.assert_allclose(found, 1 + slope * edges, atol=2e-6)
-
-    def test_a_step_is_no_bend(self) -> None:
-        found = self.GRID.at_edges((self.ROW >= 512).astype(np.float32))
-        np.testing.assert_array_equal(found[:, 0], self.GRID.edges >= 512)
-
-    def test_lines_have_the_mean_of_a_bent_field(self) -> None:
-        field = (self.ROW / 1024) ** 2
-        edges = self.GRID.at_edges(field)[:, 0].astype(float)
-        place = np.arange(0, 1020, 0.01)  # mean over many pixels between nodes
-        between = np.interp(place, self.ROW[:, 0], field[:, 0])
-        lines = np.interp(place, self.GRID.edges, edges)
-        assert abs((between - lines).mean()) < 2e-8
-
-    def test_whole_numbers_and_halves_are_taken_as_such(self) -> None:
-        whole = (self.ROW.astype(int) % 7).astype(np.uint8)
-        expected = self.GRID.at_edges(whole.astype(np.float32))
-        np.testing.assert_array_equal(self.GRID.at_edges(whole), expected)
-        np.testing.assert_array_equal(self.GRID.at_edges(whole.astype(np.float16)), expected)
 
     @pytest.mark.parametrize(("size", "nodes"), [(64, 64), (97, 64), (270, 30), (40, 1)])
     @pytest.mark.parametrize("colours", [(), (3,)])
@@ -421,22 +365,6 @@ class TestGrid:
             near = field[above : below + 1, grid.left[first] : grid.right[last] + 1]
             assert found[interval, block] == near.min()
         assert found.shape == (nodes + 1, -(-3 * size // 64))
-
-    @pytest.mark.parametrize(("off", "linear"), [(1e-5, True), (5e-5, False)])
-    def test_areas_off_a_line_are_summed_one_by_one(self, off: float, linear: bool) -> None:
-        area = np.ones((1024, 1024), np.float32)
-        area[513] += off
-        kinds = self.GRID.lit(area)
-        assert (kinds == 2).all() == linear
-        assert (kinds[:512] == 2).all()
-        assert (kinds[518:] == 2).all()
-
-    @pytest.mark.parametrize(("rise", "linear"), [(0.006, True), (0.012, False)])
-    def test_so_are_areas_that_change_fast(self, rise: float, linear: bool) -> None:
-        fall = rise * np.clip((self.ROW - 511) / 4, 0, 10)  # over ten bands
-        kinds = self.GRID.lit(np.broadcast_to(1 - fall, (1024, 1024)).astype(np.float32))
-        assert (kinds == 2).all() == linear
-        assert (kinds[:508] == 2).all()  # the band before
 
 
 class TestReference:
@@ -452,24 +380,6 @@ class TestReference:
         )
         found = frame_sums(dome, content, light, "light", coding(np.float32))
         np.testing.assert_allclose(found, expected, atol=1e-6)
-
-    def test_against_areas_at_the_picture_s_own_size(self) -> None:
-        """On a picture of smooth and fine structure."""
-        size, nodes = 1200, 520
-        dome = model(size, nodes, 9)
-        u, v = np.meshgrid(*[np.linspace(0, 1, size)] * 2)
-        content = np.stack([0.3 + 0.2 * np.sin(40 * u), v, u * v + 0.3 * (v > 0.6)], axis=-1)
-        even = replace(dome, lo=np.zeros_like(dome.lo), spread=np.zeros_like(dome.spread))
-        direction, _ = master_directions(size)
-        lit = (direction[..., 2] > 0.15) & (direction[..., 1] > -0.8)
-        area = master_solid_angles(size) * lit
-        x, y, z = np.moveaxis(direction, -1, 0)
-        mono = (1, x, y, z, x * y, y * z, x * z, x * x - y * y, z * z)
-        expected = [[(area * m * content[..., c]).sum() for m in mono] for c in range(3)]
-        none = scattered_light(even, numbers())
-        found = frame_sums(even, content.astype(np.float32), none, "light", coding(np.float32))
-        # what is left is the lit part's edge, half a pixel of the maps wide
-        np.testing.assert_allclose(found, expected, atol=2e-4 * np.abs(expected).max())
 
 
 def stripes(size: int) -> dict[str, np.ndarray]:

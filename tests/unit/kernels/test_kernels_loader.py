@@ -31,12 +31,6 @@ def no_library(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv(loader.VARIABLE, raising=False)
 
 
-def test_levels_come_best_first_and_numpy_always_runs() -> None:
-    found = kernels.available()
-    assert found[-1] == "numpy"
-    assert list(found) == [name for name in kernels.LEVELS if name in found]
-
-
 def test_use_forces_and_none_returns_to_the_best() -> None:
     with kernels.forced():
         assert kernels.use("numpy") == kernels.active() == "numpy"
@@ -76,20 +70,13 @@ def test_a_level_the_processor_lacks_is_refused(monkeypatch: pytest.MonkeyPatch)
 
 
 def test_without_library_it_warns_once_and_gives_the_same(no_library: None) -> None:
-    corners = np.array([[[0.0, 0, 1], [1, 0, 0]], [[0, 0, 1], [0, 1, 0]]])
+    lens = np.array([100.0, 100, 0, 0, 0, 0, 0, 0])
     with pytest.warns(RuntimeWarning, match="without its compiled kernels") as caught:
         for _ in range(2):
-            areas = kernels.solid_angles([corners], (1, 1))
+            rays = kernels.fisheye_rays([50 * np.pi, 0.0], lens)
     assert len(caught) == 1
     assert kernels.active() == "numpy"
-    np.testing.assert_allclose(areas, np.pi / 2)
-
-
-def test_asking_for_numpy_is_not_worth_a_warning(
-    no_library: None, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv(loader.VARIABLE, "numpy")
-    assert kernels.active() == "numpy"
+    np.testing.assert_allclose(rays, [1, 0, 0], atol=1e-12)
 
 
 @pytest.mark.parametrize("name", kernels.available())
@@ -124,10 +111,10 @@ def test_a_fork_works_on_alone() -> None:
     """OpenMP's threads do not survive a fork; the child must not wait for them."""
     code = (
         "import os, sys, numpy as np; from procam import kernels\n"
-        "corners = [np.ones((200, 201, 3))]\n"
-        "kernels.use(threads=2); kernels.solid_angles(corners, (199, 200))\n"
+        "given = np.ones((200, 201, 2)), np.array([100.0, 100, 0, 0, 0, 0, 0, 0])\n"
+        "kernels.use(threads=2); kernels.fisheye_rays(*given)\n"
         "child = os.fork()\n"
-        "kernels.solid_angles(corners, (199, 200))\n"
+        "kernels.fisheye_rays(*given)\n"
         "if not child: os._exit(7)\n"
         "sys.exit(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))\n"
     )

@@ -56,9 +56,7 @@ def test_too_few_iterations() -> None:
 def test_impossible_states_are_not_entered(bad: float) -> None:
     """The minimum of (log x)^2 from far away, where a full step leads to negative x."""
     cost, linearise = problem(lambda x: np.log(np.abs(x)), lambda x: np.diag(1 / x))
-    x, converged = minimise(
-        np.array([20.0]), lambda x: cost(x) if x[0] > 0 else bad, linearise, tolerance=1e-14
-    )
+    x, converged = minimise(np.array([20.0]), lambda x: cost(x) if x[0] > 0 else bad, linearise)
     assert converged
     np.testing.assert_allclose(x, 1, atol=1e-6)
 
@@ -66,9 +64,3 @@ def test_impossible_states_are_not_entered(bad: float) -> None:
 def test_an_impossible_start_is_returned() -> None:
     x, converged = minimise(np.array([3.0]), lambda x: np.inf, lambda x: lambda damping: x)
     assert (x[0], converged) == (3.0, False)
-
-
-def test_a_start_at_the_minimum() -> None:
-    x, converged = minimise(np.array([1.0, 1.0]), *ROSENBROCK)
-    assert converged
-    np.testing.assert_array_equal(x, [1, 1])

@@ -25,25 +25,19 @@ def _judged(
     [
         (0.5, 0.1, 1.0, "most", "pass"),
         (1.0, 0.0, 1.0, "most", "pass"),  # the limit is within
-        (1.0, 1e-9, 1.0, "most", "not shown"),
         (0.8, 0.1, 1.0, "most", "pass"),  # 0.996: standard errors of 1.96, not 1 or 3
         (0.8, 0.11, 1.0, "most", "not shown"),  # 1.016
-        (1.0 + 1e-12, 0.0, 1.0, "most", "fail"),
         (1.1, 0.5, 1.0, "most", "fail"),  # the value decides, whatever the interval reaches
-        (0.9, 0.0, 0.9, "least", "pass"),
         (0.95, 0.02, 0.9, "least", "pass"),
         (0.95, 0.03, 0.9, "least", "not shown"),
         (0.89, 0.1, 0.9, "least", "fail"),
         (-1.1, 0.5, 1.0, "within", "fail"),
-        (1.1, 0.5, 1.0, "within", "fail"),
         (-0.8, 0.1, 1.0, "within", "pass"),
         (-0.8, 0.11, 1.0, "within", "not shown"),
         (NAN, 0.1, 1.0, "most", "not shown"),
         (0.5, NAN, 1.0, "most", "not shown"),
         (0.5, INF, 1.0, "most", "not shown"),
-        (INF, 0.0, 1.0, "least", "not shown"),
         (-INF, 0.0, 1.0, "most", "not shown"),
-        ([0.5, 0.9, 0.5], [0.01, 0.1, 0.01], 1.0, "most", "not shown"),
         ([0.5, 0.5, 1.1], [0.01, 0.5, 0.01], 1.0, "most", "fail"),
         ([0.5, 0.5, NAN], [0.01, 0.01, 0.01], 1.0, "most", "not shown"),
         ([1.1, 0.5, NAN], [0.01, 0.01, 0.01], 1.0, "most", "fail"),

@@ -31,7 +31,7 @@ def named_camera(venue: Path, name: str) -> CameraModel:
 
 def linear_photographs(photos: Path) -> list[Path]:
     """The photographs of a folder by name."""
-    return photographs([photos], (*SUFFIXES, ".exr"))
+    return photographs(photos, (*SUFFIXES, ".exr"))
 
 
 def linear_counts(path: Path, camera: CameraModel) -> AnyArray:

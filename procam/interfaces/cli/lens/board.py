@@ -56,7 +56,7 @@ def board(
     check_into(into, camera)
     target, lens = make_board(squares, square_mm, kind, marker_mm, dictionary), _lens(model)
     output = Output(json)
-    views, size, skipped = _find_boards(photographs([photos]), target, output)
+    views, size, skipped = _find_boards(photographs(photos), target, output)
     fit = fit_camera(views, size, lens)
     figures = figures_of(fit)
     _print_fit(fit, figures, output)

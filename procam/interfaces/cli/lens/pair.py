@@ -2,7 +2,6 @@
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -130,34 +129,25 @@ def _views(
     """Views of the board, the photographs' size, and the poses that are of no use."""
     with ThreadPool(min(len(poses), WORKERS)) as pool:
         decoded = list(pool.map(lambda place: _decoded_pose(place, code, board), poses))
-    skipped = list[Path]()
-    for place, pose in zip(poses, decoded, strict=True):
-        notes = list(pose.notes)
-        if pose.view is None:
-            notes.append("no board is found that the projector lights; left out")
-            skipped.append(place)
+    views, sizes, skipped = list[PairView](), dict[Path, Size](), list[Path]()
+    for place, (view, sizes[place], notes) in zip(poses, decoded, strict=True):
         for note in notes:
             output.say(f"{place.name}: {note}")
-    views = [pose.view for pose in decoded if pose.view]
+        if view:
+            views.append(view)
+        else:
+            output.say(f"{place.name}: no board is found that the projector lights; left out")
+            skipped.append(place)
     if len(views) < MIN_VIEWS:
         raise NotEnoughData(_too_few(board, len(poses), skipped))
-    sizes = {place: pose.size for place, pose in zip(poses, decoded, strict=True)}
     return views, one_size(sizes), skipped
 
 
-@dataclass(frozen=True, slots=True)
-class _DecodedPose:
-    """What a pose's photographs show; `view` is None if there is no board, or it is hardly lit."""
-
-    view: PairView | None
-    size: Size
-    notes: list[str]
-
-
-def _decoded_pose(place: Path, code: Code, board: Board) -> _DecodedPose:
+def _decoded_pose(place: Path, code: Code, board: Board) -> tuple[PairView | None, Size, list[str]]:
+    """What a pose's photographs show, None without a board that is lit; their size, and notes."""
     found, notes = _decoded(place, code)
     height, width = found.valid.shape
-    return _DecodedPose(_view(place, board, found), (width, height), notes)
+    return _view(place, board, found), (width, height), notes
 
 
 def _view(place: Path, board: Board, found: CorrespondenceMap) -> PairView | None:

@@ -8,8 +8,7 @@ from procam.files.session import Session
 from procam.files.venue.load import load_venue
 from procam.interfaces.cli import _sessions
 from procam.interfaces.cli._options import Json, SessionArgument
-from procam.interfaces.cli._output import Output
-from procam.interfaces.cli._run_log import RunLog
+from procam.interfaces.cli._output import Output, RunLog
 from procam.workflows.capture.newest import venue_of
 from procam.workflows.solve import calibrate as solving
 

@@ -5,8 +5,7 @@ from shlex import quote
 from procam.files.session import Session
 from procam.files.venue.load import load_venue
 from procam.interfaces.cli._options import CameraOption, Json, SessionArgument
-from procam.interfaces.cli._output import Output
-from procam.interfaces.cli._run_log import RunLog
+from procam.interfaces.cli._output import Output, RunLog
 from procam.workflows.capture import ingest
 from procam.workflows.capture.newest import venue_of
 

@@ -11,7 +11,7 @@ from procam.errors import InputError
 from procam.estimate.comparison.compare import Angles, Comparison, Difference
 from procam.estimate.comparison.verdict import PictureStep
 from procam.files.calibration import load_calibration
-from procam.files.history.differences import FigureDifference, figure_differences, stated_figures
+from procam.files.history.read import FigureDifference, figure_differences
 from procam.interfaces.cli._options import CalibrationArgument, Json
 from procam.interfaces.cli._output import Output
 from procam.model.calibration import Calibration
@@ -63,10 +63,7 @@ def _figures(first: Path, second: Path) -> list[FigureDifference]:
     folder, (a, b) = first.resolve().parent, (first.resolve().name, second.resolve().name)
     if folder.name != "calibrations" or second.resolve().parent != folder:
         return []
-    venue = folder.parent
-    if not all(stated_figures(venue, name) for name in (a, b)):
-        return []
-    return figure_differences(venue, a, b)
+    return figure_differences(folder.parent, a, b)
 
 
 def _figure_lines(rows: list[FigureDifference]) -> Iterator[str]:

@@ -5,9 +5,8 @@ from typing import Annotated
 
 import typer
 
-from procam.files.bundle import writing_bundle
 from procam.files.bundle.manifest import Manifest
-from procam.files.bundle.write import Written
+from procam.files.bundle.write import writing_bundle
 from procam.files.session import Session
 from procam.files.venue.load import load_venue
 from procam.generators import converted
@@ -43,7 +42,9 @@ def pack(
     check_out(out, ".zip", option="OUT.zip")
     folder = solved_session(start)
     written = writing_bundle(load_venue(venue_of(folder)), Session(folder), out)
-    manifest = output.follow(converted(written, _event))
+    manifest = output.follow(
+        converted(written, lambda done: Event("pack", *done, "photographs written"))
+    )
     size = out.stat().st_size
     output.say(f"{out} written, {size / MB:.1f} MB: {content(manifest)} of {folder}")
     say_left_out(manifest, output)
@@ -67,7 +68,3 @@ def content(manifest: Manifest) -> str:
 def document(manifest: Manifest) -> dict[str, object]:
     """A packed session for machines."""
     return manifest.model_dump(include={"procam", "frames", "planned", "redacted"})
-
-
-def _event(each: Written) -> Event:
-    return Event("pack", each.done, each.total, "photographs written")

@@ -12,8 +12,7 @@ from procam.errors import FileFormatError, InputError
 from procam.files.history.read import RunEntry, changed_files, clock_went_back, list_runs
 from procam.files.versions import calibration_in_use, list_calibrations, name_in_use
 from procam.interfaces.cli._options import Json, VenueArgument
-from procam.interfaces.cli._output import Output
-from procam.interfaces.cli._plain import plain_line
+from procam.interfaces.cli._output import Output, plain_line
 
 EXAMPLE = "procam venue status my-dome"
 LATEST = 20

@@ -6,8 +6,8 @@ from typing import Annotated
 
 import typer
 
-from procam.files.bundle import open_bundle
 from procam.files.bundle.names import SESSION
+from procam.files.bundle.read import open_bundle
 from procam.interfaces.cli._options import Json
 from procam.interfaces.cli._output import Output
 from procam.interfaces.cli.venue.pack import content, document, say_left_out

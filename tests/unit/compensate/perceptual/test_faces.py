@@ -104,16 +104,6 @@ class TestLevels:
         light = np.where(room.lit, 0.4, 7.0).astype(np.float32)[None]
         np.testing.assert_allclose(levels.reduced(0, light)[0][room.lit], 0.4, rtol=1e-5)
 
-    def test_frequencies_fall_with_the_faces_size(self) -> None:
-        few, many = (Room(steps) for steps in (4, 8))
-        frequencies = []
-        for each in (few, many):
-            unit = each.direction / np.linalg.norm(each.direction, axis=1)[:, None]
-            frequencies.append(FaceLevels(unit, each.area).frequency(0))
-        assert 1.7 < frequencies[1] / frequencies[0] < 2.3
-        # 256 faces on half a sphere: neighbours about 7 degrees apart, 0.07 cycles per degree
-        assert 0.05 < frequencies[1] < 0.12
-
 
 @pytest.mark.parametrize(
     ("change", "error", "message"),

@@ -119,17 +119,3 @@ def test_the_optimum_is_near_that_of_a_general_solver(rng: np.random.Generator) 
     assert found < before
     assert before - found > 0.85 * (before - best)
     assert problem.guard.of(problem.transport.total(direct))[0] < 1.2 * most
-
-
-def test_the_multiplier_rises_while_the_guard_is_broken() -> None:
-    multiplier = Multiplier()
-    multiplier.pull(2.0, 1.0)
-    assert multiplier.value == pytest.approx(2**0.3)
-    multiplier.pull(0.5, 1.0)
-    assert multiplier.value == pytest.approx(1)
-    multiplier.pull(0.0, 1.0)
-    assert multiplier.value == pytest.approx(np.exp(-0.3 * 5))
-    for error, end in ((2.0, 1e3), (0.5, 1e-3)):  # however long a movie is
-        for _ in range(999):
-            multiplier.pull(error, 1.0)
-        assert multiplier.value == end

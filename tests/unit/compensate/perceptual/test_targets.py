@@ -3,17 +3,14 @@
 import numpy as np
 import pytest
 
-from procam.compensate.perceptual.bounds import Allowance, hue_limited, limited_places
+from procam.compensate.perceptual.bounds import hue_limited, limited_places
 from procam.compensate.perceptual.guided import Change
-from procam.compensate.perceptual.light import FieldTransport, Stage, interleaved, planes
+from procam.compensate.perceptual.light import FieldTransport, Stage, planes
 from procam.compensate.perceptual.settings import Perceptual
-from procam.compensate.perceptual.small_pictures import SmallPictures
 from procam.compensate.perceptual.targets import (
     MovieTargets,
     Reached,
-    SampledSolutions,
     StillTargets,
-    sampled_pixels,
 )
 from procam.errors import InputError
 from procam.maths.vision.hue import hue_difference
@@ -89,19 +86,6 @@ class TestStill:
         assert lost == pytest.approx(found.loss_db, abs=2e-3)
         assert contrast(light) > 1.3 * contrast(seen)
         assert contrast(light) < contrast(target)
-
-    def test_the_target_is_within_reach(self) -> None:
-        found = still(dusk())
-        light, mean = exact(found.target)
-        np.testing.assert_allclose(light, found.target, atol=2e-6)
-        direct = light - FEEDBACK * mean[:, 0]
-        assert direct.min() >= BLACK - 1e-6
-        assert direct.max() <= 1 + 1e-6
-
-    def test_more_loss_buys_more_contrast(self) -> None:
-        found = [contrast(exact(still(dusk(), db).target)[0]) for db in (0.0, 1.0, 2.0)]
-        assert found == sorted(found)
-        assert found[2] > 1.05 * found[0]
 
     def test_a_picture_within_reach_is_left_alone(self) -> None:
         target = np.full((SIZE, SIZE, 3), 0.5, np.float32)
@@ -208,26 +192,6 @@ class TestMovie:
         light, _ = exact(found.target)
         assert error(light, target) <= 1.001 * error(seen, target)
 
-    def test_a_sample_holds_less_than_the_whole_would(self) -> None:
-        place, target = stage(SIZE), dusk()
-        _, mean = exact(target)
-        pictures = SmallPictures(stage(SIZE // 4), Perceptual(1.0))
-        changed = pictures.solve(target, mean)
-        ends, moments = (planes(target), planes(changed.change.of(target))), (mean, changed.moments)
-        solutions = SampledSolutions(place, *ends, moments, {})
-        whole, sampled = (
-            Allowance(
-                solutions.total,
-                ends[0],
-                place.weight,
-                solutions.limited(),
-                Perceptual(0.0),
-                is_sample,
-            ).share()
-            for is_sample in (False, True)
-        )
-        assert 0 < sampled < whole < 1
-
     def test_a_frame_that_stands_still_is_shown_the_same(self) -> None:
         targets = MovieTargets(stage(SIZE // 4), stage(SIZE), Perceptual(1.0, video=True))
         frame = dusk()
@@ -246,37 +210,6 @@ class TestMovie:
             frame[40:52, at] = 0.15
             light, _ = exact(targets.of(frame, exact(frame)[1]).target)
             assert light[42:50, at].max() < 0.4
-
-    def test_samples_are_random_pixels_of_cells(self) -> None:
-        rows, columns = sampled_pixels(40, 200)
-        cell = np.arange(40)
-        np.testing.assert_array_equal(rows // 5, np.broadcast_to(cell[:, None], (40, 40)))
-        np.testing.assert_array_equal(columns // 5, np.broadcast_to(cell, (40, 40)))
-        for offset in (rows % 5, columns % 5):
-            assert np.bincount(offset.ravel(), minlength=5).min() > 250
-        whole = sampled_pixels(7, 7)
-        np.testing.assert_array_equal(whole, np.indices((7, 7)))
-
-    def test_hues_of_a_sample(self) -> None:
-        """Where a sample's own moments are a little off, what is at a limit must not change."""
-        picture = reef()
-        _, mean = exact(picture)
-        place = planes(picture)
-        for off in (1.0, 1.001):
-            found = SampledSolutions(stage(SIZE), place, place, (off * mean, off * mean), {})
-            seen = found.limited().size / SIZE**2
-            assert 0.3 < seen < 0.55
-
-    def test_a_share_falls_at_once_and_rises_slowly(self) -> None:
-        targets = MovieTargets(stage(SIZE // 4), stage(SIZE), Perceptual(0.0, video=True))
-        frame = dusk()
-        mean = exact(frame)[1]
-        allowed = targets.of(frame, mean).share
-        targets._share = 0.1  # as after a frame that allowed less
-        risen = targets.of(frame, mean).share
-        assert 0.1 < risen < 0.1 + 0.25 * (allowed - 0.1)
-        targets._share = 1.0
-        assert targets.of(frame, mean).share < 1
 
     @pytest.mark.parametrize("db", [0.0, 1.0])
     def test_a_long_still_in_a_movie(self, db: float) -> None:
@@ -323,18 +256,6 @@ class TestChange:
         assert change.gain.max() <= 4
         np.testing.assert_allclose(change.gain * black + change.offset, 0.08, rtol=1e-5)
 
-    def test_of_a_large_picture(self) -> None:
-        grey = np.full((3, 12, 12), 0.2, np.float32)
-        large = np.full((48, 48, 3), 0.2, np.float32)
-        np.testing.assert_allclose(Change.fitted(grey, 2 * grey).of(large), 0.4, rtol=1e-4)
-
-    def test_on_the_way(self) -> None:
-        ones = np.ones((3, 2, 2), np.float32)
-        quarter = np.full((2, 2), 0.25, np.float32)
-        middle = Change(ones, 0 * ones).moved_to(Change(3 * ones, ones), quarter)
-        assert middle.gain.mean() == 1.5
-        assert middle.offset.mean() == 0.25
-
 
 @pytest.mark.parametrize(
     ("settings", "message"),
@@ -348,9 +269,3 @@ class TestChange:
 def test_settings(settings: dict[str, float], message: str) -> None:
     with pytest.raises(InputError, match=message):
         Perceptual(**settings)  # type: ignore[arg-type]
-
-
-def test_planes_and_back(rng: np.random.Generator) -> None:
-    picture = rng.uniform(size=(4, 5, 3)).astype(np.float32)
-    assert planes(picture).shape == (3, 4, 5)
-    np.testing.assert_array_equal(interleaved(planes(picture)), picture)

@@ -3,11 +3,10 @@
 import numpy as np
 from simulated_boards import BEND, FISHEYE, fisheye_views
 
-from procam.estimate.boards.adjustment import BoardAdjustment, step_pose
+from procam.estimate.boards.adjustment import BoardAdjustment
 from procam.estimate.boards.corners import BoardRig, stack_corners
 from procam.estimate.boards.start import pose_from_rays
-from procam.maths.geometry.lens_derivatives import lens_of_parameters, lens_parameters
-from procam.maths.geometry.lenses import unproject
+from procam.maths.geometry.lenses import lens_of_parameters, lens_parameters, unproject
 from procam.maths.geometry.pose import Pose
 
 
@@ -44,7 +43,7 @@ def stepped(rig: BoardRig, bundle: BoardAdjustment, x: np.ndarray) -> BoardRig:
     own = x[bundle.shared :].reshape(-1, 6)
     return BoardRig(
         (first, second),
-        (rig.devices[0], step_pose(rig.devices[1], x[11:17])),
-        tuple(step_pose(b, s) for b, s in zip(rig.boards, own, strict=True)),
+        (rig.devices[0], rig.devices[1].moved(x[11:17])),
+        tuple(b.moved(s) for b, s in zip(rig.boards, own, strict=True)),
         rig.bend + x[17:20],
     )

@@ -6,7 +6,7 @@ from simulated_boards import BEND, PINHOLE, pinhole_views
 
 from procam.estimate.boards.adjustment import BoardAdjustment
 from procam.estimate.boards.corners import BoardRig, Corners, residuals, stack_corners
-from procam.estimate.boards.held_out import best_model, clearly_better, held_out_residuals
+from procam.estimate.boards.left_out import best_model, clearly_better, held_out_residuals
 from procam.estimate.boards.robust_fit import IDENTITY, BoardFit, fit_poses
 from procam.estimate.boards.start import pose_from_rays
 from procam.maths.geometry.lenses import Lens, unproject

@@ -7,11 +7,10 @@ from simulated_boards import BEND, BOARD, PINHOLE, pinhole_views
 
 from procam.estimate.boards.adjustment import BoardAdjustment
 from procam.estimate.boards.corners import BoardRig, Corners, stack_corners
-from procam.estimate.boards.jackknife import jackknife_covariance
+from procam.estimate.boards.left_out import jackknife_covariance
 from procam.estimate.boards.robust_fit import IDENTITY
 from procam.estimate.boards.start import pose_from_rays
-from procam.maths.geometry.lens_derivatives import lens_parameters
-from procam.maths.geometry.lenses import unproject
+from procam.maths.geometry.lenses import lens_parameters, unproject
 
 FREE = (0, 1, 2, 3, 4)
 

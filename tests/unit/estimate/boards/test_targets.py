@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from procam.errors import InputError
-from procam.estimate.boards.targets import Board, find_board, find_tags, suggest_squares, tag_cells
+from procam.estimate.boards.targets import Board, find_board, suggest_squares
+from procam.maths.codes.april_tags import find_tags, tag_cells
 
 BOARD = Board("checkerboard", (9, 7), 0.02)
 EDGE_PX = 30

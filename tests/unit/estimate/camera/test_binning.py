@@ -8,9 +8,9 @@ from tolerances import FLOAT32, SOLVER
 
 from procam.estimate.camera.binning import MOST_PIXELS, Binning
 from procam.estimate.camera.radiance import Radiometer
-from procam.maths.geometry.lenses import unproject
+from procam.maths.geometry.lenses import Lens, unproject
 from procam.model.frame import CameraSettings, Frame
-from procam.model.optics import CameraModel, Lens, Sensor
+from procam.model.optics import CameraModel, Sensor
 
 
 def camera(size: tuple[int, int], kind: str = "kannala-brandt") -> CameraModel:
@@ -64,12 +64,6 @@ class TestCamera:
         np.testing.assert_allclose(
             unproject(block, binned.lens), unproject(middle, whole.lens), atol=SOLVER
         )
-
-    def test_the_circle_is_that_of_the_photograph(self) -> None:
-        whole = camera((100, 80))
-        seen = Radiometer(whole, BINNED).seen
-        middles = Radiometer(whole).seen[5 : 5 + 45 : 3, 11 : 11 + 60 : 3]
-        np.testing.assert_array_equal(seen, middles)
 
 
 class TestPictures:

@@ -8,7 +8,6 @@ from noisy_photographs import BLACK_SHARE, SENSOR, SHAPE, photograph, scene
 
 from procam.estimate.camera.checks import (
     additivity,
-    brightness_ratio,
     early_clipping,
     exposure_ratio,
     fit_dark_frames,
@@ -52,11 +51,6 @@ def test_gamma_from_one_grey(gamma: float) -> None:
     black = BLACK_SHARE * white
     grey = black + (white - black) * 0.5**gamma
     assert grey_gamma(grey, white, black, direct > 0, 0.5) == pytest.approx(gamma)
-
-
-def test_brightness() -> None:
-    white, direct = scene()
-    assert brightness_ratio(white, 1.3 * white, direct > 0) == pytest.approx(1.3)
 
 
 class TestEarlyClipping:

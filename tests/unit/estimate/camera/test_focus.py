@@ -4,46 +4,32 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from procam.estimate.camera.focus import edge_blur
+from procam.estimate.camera.checks import edge_blur
+
+STRIPES = np.arange(200)[None, :] // 40 % 2 * np.ones((300, 1))
 
 
-@pytest.mark.parametrize("blur_px", [1.0, 2.0, 4.0])
-@pytest.mark.parametrize("scatter", [0.0, 0.2])
-def test_blur_of_stripes(blur_px: float, scatter: float, rng: np.random.Generator) -> None:
-    stripes = (np.arange(200)[None, :] // 40 % 2) * np.ones((120, 1))
-
-    def seen(picture: np.ndarray) -> np.ndarray:
-        light = gaussian_filter(picture, blur_px) + scatter * 0.5
+@pytest.mark.parametrize(
+    ("blur_px", "scatter", "empty_rows"),
+    [
+        (1.0, 0.0, 0),
+        (2.0, 0.2, 0),
+        (4.0, 0.2, 0),
+        (1.0, 0.2, 600),  # a large part with scattered light alone
+        (1.0, np.linspace(0, 1, 300)[:, None], 0),  # that differs from place to place
+    ],
+)
+def test_blur_of_stripes(
+    blur_px: float, scatter: float | np.ndarray, empty_rows: int, rng: np.random.Generator
+) -> None:
+    def seen(picture: np.ndarray, flux: float) -> np.ndarray:
+        light = np.pad(gaussian_filter(picture, blur_px), ((0, empty_rows), (0, 0)))
+        light = light + scatter * flux
         return (light + rng.normal(0, 0.003, light.shape)).astype(np.float32)
 
-    white = (np.ones((120, 200)) + scatter).astype(np.float32)
-    found = edge_blur(seen(stripes), seen(1 - stripes), white)
+    white = seen(np.ones_like(STRIPES), 1.0)
+    found = edge_blur(seen(STRIPES, 0.5), seen(1 - STRIPES, 0.5), white)
     assert found == pytest.approx(np.hypot(blur_px, 0.7), rel=0.15)  # the slope spans two pixels
-
-
-def test_a_large_part_with_scattered_light_alone(rng: np.random.Generator) -> None:
-    stripes = (np.arange(200)[None, :] // 40 % 2) * np.ones((120, 1))
-
-    def seen(picture: np.ndarray) -> np.ndarray:
-        light = np.pad(gaussian_filter(picture, 1.0), ((0, 300), (0, 0))) + 0.2
-        return (light + rng.normal(0, 0.003, light.shape)).astype(np.float32)
-
-    white = np.pad(np.full((120, 200), 1.0), ((0, 300), (0, 0))) + 0.4
-    found = edge_blur(seen(stripes), seen(1 - stripes), white.astype(np.float32))
-    assert found == pytest.approx(np.hypot(1.0, 0.7), rel=0.15)
-
-
-def test_scattered_light_that_differs_from_place_to_place(rng: np.random.Generator) -> None:
-    stripes = (np.arange(200)[None, :] // 40 % 2) * np.ones((300, 1))
-    scatter = np.linspace(0, 1, 300)[:, None]
-
-    def seen(picture: np.ndarray) -> np.ndarray:
-        light = gaussian_filter(picture, 1.0) + scatter / 2
-        return (light + rng.normal(0, 0.003, light.shape)).astype(np.float32)
-
-    white = (np.ones((300, 200)) + scatter).astype(np.float32)
-    found = edge_blur(seen(stripes), seen(1 - stripes), white)
-    assert found == pytest.approx(np.hypot(1.0, 0.7), rel=0.15)
 
 
 def test_no_edges() -> None:

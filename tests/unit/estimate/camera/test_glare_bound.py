@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from procam.estimate.camera.glare_bound import (
+from procam.estimate.camera.veil import (
     MOST,
     UNIFORM,
     bounded_glare,

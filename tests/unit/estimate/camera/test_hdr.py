@@ -7,7 +7,6 @@ import pytest
 from noisy_photographs import BLACK_SHARE, LAW, SENSOR, Array, photograph
 from tolerances import SIGMAS
 
-from procam.errors import InputError, ShapeError
 from procam.estimate.camera.hdr import merge_exposures
 from procam.estimate.structured_light.codes import generate, make_code
 from procam.estimate.structured_light.decode import Decoder
@@ -40,12 +39,6 @@ class TestMerge:
         chi2 = np.mean(error**2) / expected
         assert chi2 == pytest.approx(1, abs=SIGMAS * np.sqrt(2 / error.size))
 
-    def test_more_exposures_help(self, rng: np.random.Generator) -> None:
-        truth = np.full((50, 50), 1000.0)
-        _, variance = self.merged(truth, rng)
-        alone = LAW.variance(1000 * self.EXPOSURES[-1]) / self.EXPOSURES[-1] ** 2
-        assert (variance < alone).all()
-
     def test_what_saturates_in_all_is_unknown(self, rng: np.random.Generator) -> None:
         truth = np.full((4, 5), 100.0)
         truth[1, 2] = 1e6
@@ -53,28 +46,6 @@ class TestMerge:
         lost = truth == 1e6
         assert np.array_equal(np.isnan(radiance), lost)
         assert np.array_equal(np.isnan(variance), lost)
-
-    def test_order_does_not_matter(self, rng: np.random.Generator) -> None:
-        truth = rng.uniform(10, 80_000, (30, 30))
-        shots = [photograph(truth, e, rng) for e in self.EXPOSURES]
-        ahead = merge_exposures(shots, self.EXPOSURES, sensor=SENSOR, noise=LAW)
-        back = merge_exposures(shots[::-1], self.EXPOSURES[::-1], sensor=SENSOR, noise=LAW)
-        assert all(np.array_equal(a, b) for a, b in zip(ahead, back, strict=True))
-
-    def test_one_exposure_is_itself(self, rng: np.random.Generator) -> None:
-        shot = photograph(np.full((8, 8), 2000.0), 0.5, rng)
-        radiance, variance = merge_exposures([shot], [0.5], sensor=SENSOR, noise=LAW)
-        signal = shot - SENSOR.black_level
-        assert np.allclose(radiance, signal / (0.5 * SENSOR.full_scale))
-        expected = LAW.variance(signal) / (0.5 * SENSOR.full_scale) ** 2
-        assert np.allclose(variance, expected)
-
-    def test_pictures_that_do_not_belong_together(self) -> None:
-        flat = np.full((4, 4), 100, np.uint16)
-        with pytest.raises(InputError, match="each with its positive exposure"):
-            merge_exposures([flat], [0.1, 0.2], sensor=SENSOR, noise=LAW)
-        with pytest.raises(ShapeError, match="exposure 1"):
-            merge_exposures([flat, flat[:2]], [0.1, 0.2], sensor=SENSOR, noise=LAW)
 
     @pytest.mark.parametrize("share", [0.97, 0.995, 1.0, 1.05])
     def test_little_bias_near_saturation(self, share: float, rng: np.random.Generator) -> None:
@@ -108,16 +79,3 @@ class TestMerge:
         error = (whole.projector_xy[..., 0] - np.arange(240)) / whole.sigma_px[..., 0]
         # two exposures' variances are of the mean level, not of each sample's own
         assert 0.7 < np.mean(error[:, 5:-5][inner] ** 2) < 1.4
-
-    def test_merged_pictures_with_holes_decode(self, rng: np.random.Generator) -> None:
-        code = make_code("micro-phase", (240, 150))
-        gain = np.full(240, 20_000.0)
-        gain[-10:] = 1e7  # a glint
-        decoder = Decoder(code, DecodeLimits(white_black=0.05, contrast=0.02))
-        for number, picture in enumerate(generate(code)):
-            rate = gain * ((picture[:ROWS, :, 0] / 255) ** 2.2 + BLACK_SHARE)
-            shots = [photograph(rate, e, rng) for e in (0.1, 0.15)]
-            decoder.add(number, merge_exposures(shots, (0.1, 0.15), sensor=SENSOR, noise=LAW)[0])
-        found = decoder.result().map
-        assert found.valid[:, 2:225].mean() > 0.95
-        assert not found.valid[:, -8:].any()

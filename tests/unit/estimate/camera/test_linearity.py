@@ -7,7 +7,7 @@ import pytest
 from scipy.ndimage import gaussian_filter
 from tolerances import SIGMAS
 
-from procam.errors import NotEnoughData, OutOfModelRange, ShapeError
+from procam.errors import NotEnoughData, OutOfModelRange
 from procam.estimate.camera.linearity import linearity_error
 
 Array = np.ndarray
@@ -53,10 +53,6 @@ class TestLinearity:
         assert abs(found.error) > 0.2 > 100 * found.error_sigma
         assert found.exponent == pytest.approx(exponent, rel=0.05)
 
-    def test_a_pure_gamma_within_its_error(self) -> None:
-        found = linearity_error(*stripes(gamma18))
-        assert abs(found.exponent - 1.8) < SIGMAS * found.exponent_sigma < 2e-3
-
     def test_saturated_pixels_are_left_out(self) -> None:
         photos = stripes()
         photos[0][:, :50] = np.nan
@@ -66,9 +62,7 @@ class TestLinearity:
         assert abs(linearity_error(*stripes(drift=1.01)).exponent - 1) < 0.03
 
     def test_refusals(self) -> None:
-        white, black, pattern, inverse = stripes()
-        with pytest.raises(ShapeError, match=r"pattern.*\(149, 200\)"):
-            linearity_error(white, black, pattern[1:], inverse)
+        white, black, *_ = stripes()
         with pytest.raises(NotEnoughData, match="only 0 pixels are bright in both"):
             linearity_error(white, black, white, black)
         with pytest.raises(OutOfModelRange, match=r"no exponent from 0\.2 to 6 removes"):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from procam.estimate.camera.near_veil import SPREADS, NearVeilFit, near_veil
+from procam.estimate.camera.veil import SPREADS, NearVeilFit, near_veil
 
 SIZE = (240, 200)  # width, height
 SCATTERED = 0.25
@@ -27,19 +27,32 @@ def _veil(light: np.ndarray, parts: Parts) -> np.ndarray:
     return sum(spread, np.zeros_like(light))
 
 
-def _fitted(parts: Parts, rng: np.random.Generator, columns: int = 240) -> Parts:
-    """The fit to what is dark in the first columns."""
+def _fitted(
+    parts: Parts,
+    rng: np.random.Generator,
+    *,
+    dark_within: np.ndarray | None = None,
+    stripes: slice = slice(None),
+    levels: tuple[float, ...] = (1.0, 2.0),
+    group: int = 4,
+) -> Parts:
+    """The fit to what is dark in a part of the picture, with the veil in some of the stripes.
+
+    Stripes of `group` pictures, those of one axis, are compared with each other; there is a projector
+    for each of `levels`.
+    """
     fit = NearVeilFit(np.ones(SIZE[::-1], bool))
     white = sum(picture for picture, _ in _stripes()[:2])
-    for level in (1.0, 2.0):  # two projectors
+    veiled = range(8)[stripes]
+    for level in levels:
         for number, (picture, dark) in enumerate(_stripes()):
             flux = picture.sum() / white.sum()
             light = level * (picture + SCATTERED * flux)
-            share = sum(s for s, _ in parts)
-            seen = light + _veil(light, parts) - share * light.mean()
+            veil = parts if number in veiled else []
+            seen = light + _veil(light, veil) - sum(s for s, _ in veil) * light.mean()
             noisy = (seen + rng.normal(0, 1e-3, light.shape)).astype(np.float32)
-            fit.add(noisy, dark & (np.arange(SIZE[0]) < columns), flux)
-            if number % 4 == 3:  # stripes of one axis
+            fit.add(noisy, dark if dark_within is None else dark & dark_within, flux)
+            if number % group == group - 1:
                 fit.end_group()
     return fit.result()
 
@@ -80,20 +93,9 @@ def test_a_trace_of_blurred_light_beside_the_dark_is_no_veil(rng: np.random.Gene
     assert sum(s for s, _ in fit.result()) < 3e-4
 
 
-def test_too_little_to_compare() -> None:
-    fit = NearVeilFit(np.ones((40, 40), bool))
-    fit.add(np.ones((40, 40), np.float32), np.eye(40, dtype=bool), 0.5)
-    fit.end_group()
-    assert fit.result() == []
-
-
-def test_one_axis_of_one_projector_shows_none(rng: np.random.Generator) -> None:
-    fit = NearVeilFit(np.ones(SIZE[::-1], bool))
-    for picture, dark in _stripes():
-        seen = picture + _veil(picture, [(0.006, 0.045)])
-        fit.add((seen + rng.normal(0, 1e-3, seen.shape)).astype(np.float32), dark, 0.5)
-    fit.end_group()
-    assert fit.result() == []
+def test_stripes_that_are_not_compared_show_none(rng: np.random.Generator) -> None:
+    """Both axes of one projector taken for one."""
+    assert _fitted([(0.006, 0.045)], rng, levels=(1.0,), group=8) == []
 
 
 def test_near_veil_is_a_sum_of_gaussians_that_lose_what_leaves_the_picture() -> None:
@@ -112,30 +114,20 @@ def test_near_veil_is_a_sum_of_gaussians_that_lose_what_leaves_the_picture() -> 
 
 def test_none_is_found_where_the_axes_contradict_each_other(rng: np.random.Generator) -> None:
     """What only stripes of one axis show, such as light that a floor returns, is no veil of the lens."""
-    fit = NearVeilFit(np.ones(SIZE[::-1], bool))
-    for number, (picture, dark) in enumerate(_stripes()):
-        seen = picture + (_veil(picture, [(0.006, 0.045)]) if number < 4 else 0)
-        fit.add((seen + rng.normal(0, 1e-3, seen.shape)).astype(np.float32), dark, 0.5)
-        if number % 4 == 3:
-            fit.end_group()
-    assert fit.result() == []
+    assert _fitted([(0.006, 0.045)], rng, levels=(1.0,), stripes=slice(4)) == []
 
 
-def test_a_few_dark_cells_show_nothing(rng: np.random.Generator) -> None:
-    """Of a picture of 64 pixels, however clear the veil."""
-    fit = NearVeilFit(np.ones(SIZE[::-1], bool))
-    white = sum(picture for picture, _ in _stripes()[:2])
-    for picture, dark in _stripes():
-        few = np.zeros_like(dark)
-        few[80:112, 80:112] = dark[80:112, 80:112]
-        light = picture + SCATTERED * picture.sum() / white.sum()
-        seen = light + _veil(light, [(0.006, 0.03)]) - 0.006 * light.mean()
-        fit.add(seen.astype(np.float32), few, picture.sum() / white.sum())
-        fit.end_group()
-    assert fit.result() == []
-
-
-@pytest.mark.parametrize("seed", range(4))
-def test_few_dark_cells_show_no_veil(seed: int) -> None:
-    """Over a narrow strip what comes back from the room varies like a veil."""
-    assert _fitted([(0.006, 0.03)], np.random.default_rng(seed), 60) == []
+@pytest.mark.parametrize(
+    ("rows", "columns"),
+    [
+        (slice(80, 112), slice(80, 112)),  # of a picture of 64 pixels, however clear the veil
+        (
+            slice(None),
+            slice(60),
+        ),  # over a narrow strip what comes back from the room varies like a veil
+    ],
+)
+def test_few_dark_cells_show_no_veil(rows: slice, columns: slice, rng: np.random.Generator) -> None:
+    within = np.zeros(SIZE[::-1], bool)
+    within[rows, columns] = True
+    assert _fitted([(0.006, 0.03)], rng, dark_within=within) == []

@@ -72,11 +72,6 @@ def test_law_from_variances(law: NoiseLaw, rng: np.random.Generator) -> None:
     assert found.floor >= 0 and found.per_level >= 0
 
 
-def test_variance_is_never_negative() -> None:
-    assert NoiseLaw(0.0, 0.1).variance(-5.0) > 0
-    np.testing.assert_allclose(NoiseLaw(2.0, 0.5).variance(np.array([0.0, 4.0])), [2, 4])
-
-
 @pytest.mark.parametrize("pixels", [60, 144, 1000, 40_000])
 def test_a_law_of_few_pixels_is_not_too_small(pixels: int, rng: np.random.Generator) -> None:
     """Groups of few samples have small variances by chance; they must not decide."""

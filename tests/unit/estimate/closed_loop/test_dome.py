@@ -30,10 +30,6 @@ def _sigma() -> np.ndarray:
 
 
 class TestCells:
-    def test_every_pixel_is_in_one_cell(self, cells: LoopCells) -> None:
-        assert cells.count.sum() == cells.use.sum() == len(cells.index)
-        assert cells.count.max() <= 9
-
     def test_averages_keep_levels_and_slopes(self, cells: LoopCells) -> None:
         picture = np.clip(cells.direction, -1, 1)
         means = cells.average(picture)
@@ -52,21 +48,11 @@ class TestCells:
 
 
 class TestLoop:
-    def test_the_picture_at_the_start_is_the_compensated_one(
-        self, loop: DomeLoop, direct: Image
-    ) -> None:
-        np.testing.assert_allclose(loop.picture, direct, atol=FLOAT32)
-
     def test_cells_at_a_limit_are_not_free(self, loop: DomeLoop) -> None:
         elevation = np.arcsin(np.clip(loop.direction[..., 2], -1, 1))
         assert loop.free[elevation > np.radians(26)].all()
         assert not loop.free[elevation < np.radians(14)].any()
         assert loop.known[(elevation > np.radians(15)) & (elevation < np.radians(17))].all()
-
-    def test_residual_rms_is_over_free_cells(self, loop: DomeLoop) -> None:
-        residual = np.full((LOOP_SIZE, LOOP_SIZE, 3), 0.25)
-        residual[~loop.free] = 99.0
-        assert loop.residual_rms(residual) == pytest.approx(0.25)
 
     def test_the_predicted_photograph_changes_nothing(self, loop: DomeLoop, direct: Image) -> None:
         loop.update(loop.goal, _sigma(), 4)
@@ -85,17 +71,6 @@ class TestLoop:
         left = loop.residual(cells.average_master(after))
         inner = loop.free & (loop.direction[..., 2:] > np.sin(np.radians(30)))  # clear of the edge
         assert np.abs(left[inner]).mean() < 0.03 * np.abs(before[inner]).mean()
-
-    def test_dark_cells_are_released_when_they_need_more_light(
-        self, loop: DomeLoop, cells: LoopCells
-    ) -> None:
-        """Cells at lo that are darker than the goal are no longer held."""
-        dark = loop.known & ~loop.free
-        loop.goal = loop.goal + np.where(dark, 0.05, 0)
-        loop.update(loop.goal - np.where(dark, 0.05, 0), _sigma(), 4)
-        inner = dark & (loop.direction[..., 2:] < np.sin(np.radians(17)))
-        assert (loop.correction[inner] > 0.01).mean() > 0.9
-        assert (loop.picture >= 0).all()
 
     def test_corrected_light_stays_within_the_limits(
         self, loop: DomeLoop, calibration: Calibration
@@ -160,10 +135,6 @@ class TestNodes:
         assert np.abs(got - means[inner, inner]).max() < 0.02
         plain = block_mean(sample(means, np.stack(np.meshgrid(fine, fine), -1)), 8)
         assert np.abs(plain[inner, inner] - means[inner, inner]).max() > 0.1
-
-    def test_a_smooth_picture_is_left_alone(self) -> None:
-        slope = np.add.outer(np.arange(20.0), np.arange(20.0))[..., None] * np.ones(3)
-        np.testing.assert_allclose(nodes_for_means(slope)[7:-7, 7:-7], slope[7:-7, 7:-7])
 
 
 class TestLearn:

@@ -54,15 +54,6 @@ class TestJustNoticeable:
 
 
 class TestRemoveScatter:
-    def test_changes_the_total_of_the_free_patches_as_asked(
-        self, sphere: tuple[Array, Array], rng: np.random.Generator
-    ) -> None:
-        free, change = rng.random(PATCHES) < 0.6, rng.normal(size=PATCHES)
-        spread, collect = _scatter(*sphere)[:, None], sphere[1][:, None]
-        step = remove_scatter(change, free, spread, collect)
-        assert not step[~free].any()
-        np.testing.assert_allclose((_dense(*sphere) @ step)[free], change[free], atol=SOLVER)
-
     def test_closed_form_on_a_sphere(
         self, sphere: tuple[Array, Array], rng: np.random.Generator
     ) -> None:
@@ -168,18 +159,6 @@ class TestCommonErrors:
         # Student's t of some 24 degrees of freedom has a variance of 1.09; 4 sigmas of the mean
         assert np.mean(scores) == pytest.approx(1.09, abs=0.4)
 
-    def test_correlated_gains_widen_the_error(self, rng: np.random.Generator) -> None:
-        """One gain per block; patches taken as independent would give far too small an error."""
-        light, scattered = rng.uniform(0.2, 1, (2, 5000))
-        block = np.arange(5000) // 250
-        alike = common_errors(
-            0.05 * rng.normal(size=20)[block] * light, light, scattered, np.full(5000, 1e4), block
-        )[1]
-        apart = common_errors(
-            0.05 * rng.normal(size=5000) * light, light, scattered, np.full(5000, 1e4), block
-        )[1]
-        assert alike[0, 0] > 30 * apart[0, 0]
-
     def test_only_a_significant_change_of_scatter_is_applied(self) -> None:
         small, clear = np.array([0.02, 0.01]), np.array([0.02, 0.1])
         covariance = np.diag([1e-8, 1e-8])
@@ -267,18 +246,6 @@ class TestLoops:
             assert diverging[-1] > 1.1 * diverging[-3] > 1.2 * diverging[-5]
             assert study.iterations_to(row["jnd"]["plain, g = 1"]) is None
             assert study.iterations_to(row["jnd"]["preconditioned, clipped"]) is None
-
-    def test_the_study_s_exchange_is_that_of_a_sphere(self) -> None:
-        """Distances and cosines of points give paper eq. 7, and N its closed form."""
-        plant = study.Plant(0.25, 0, 8, 16)
-        albedo = 1 + 0.08 * plant.point[:, 0] - 0.06 * plant.point[:, 1]
-        albedo *= 4 * np.pi * 0.25 / (plant.area @ albedo)
-        np.testing.assert_allclose(plant.transport, _dense(albedo, plant.area), atol=SOLVER)
-
-    def test_iterations_to_counts_until_it_stays(self) -> None:
-        assert study.iterations_to([0.5, 0.4]) == 0
-        assert study.iterations_to([3, 0.5, 1.2, 0.8]) == 3
-        assert study.iterations_to([3, 0.5, 1.2]) is None
 
 
 def _state(sphere: tuple[Array, Array], factor: float = 1.0) -> LoopState:

@@ -5,7 +5,6 @@ import pytest
 
 from procam.estimate.comparison.common_pixels import (
     CommonPixels,
-    error_over_sigma,
     own_motion,
     rms_arcmin,
     smooth_field,
@@ -46,12 +45,6 @@ def test_a_motion_of_the_projector_is_explained(rng: np.random.Generator) -> Non
     step = pair.step(np.eye(3))
     residual = step - own_motion(pair, step)
     assert np.abs(residual).max() < 1e-3 * np.abs(step).max()
-
-
-def test_error_over_sigma_of_noise_is_1(rng: np.random.Generator) -> None:
-    step = rng.normal(0, SIGMA, (COUNT, 2))
-    found = error_over_sigma(np.c_[step, np.zeros(COUNT)], np.full(COUNT, 2 * SIGMA**2))
-    assert found == pytest.approx(1, abs=4 / np.sqrt(4 * COUNT))
 
 
 def test_thinning_keeps_pixels_together_and_spreads_them(rng: np.random.Generator) -> None:

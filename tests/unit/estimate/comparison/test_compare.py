@@ -133,12 +133,6 @@ class TestVerdict:
         assert "by 12.2 arcmin" in found.verdict.text
         assert found.verdict.text.endswith("set anew, or nothing fixes the rig in space")
 
-    def test_a_camera_rotated_by_90_degrees_without_fiducials(self, rig: Calibration) -> None:
-        assert (
-            compare_calibrations(_turned_rig(rig, np.array([0.1, 0.2, 1.57])), rig).verdict.kind
-            == "turned"
-        )
-
     def test_one_projector_moved_and_the_rig_rotated(self, rig: Calibration) -> None:
         other = _moved(rig, "west", np.array([2e-3, -1e-3, 1e-3]), 0.01)
         found = compare_calibrations(rig, _turned_rig(other, np.array([0.0, 0.0, 0.01])))
@@ -158,12 +152,6 @@ class TestVerdict:
         found = compare_calibrations(calibration, _turned_rig(other, np.array([0.0, 0.0, 0.01])))
         assert found.verdict.projectors == ("south", "north")
         assert "each on its own" in found.verdict.text
-
-    def test_all_moved(self, rig: Calibration, rng: np.random.Generator) -> None:
-        other = rig
-        for name in FOUR:
-            other = _moved(other, name, rng.normal(0, 1e-3, 3), 0.005)
-        assert compare_calibrations(rig, other).verdict.kind == "moved"
 
     def test_a_change_that_is_not_a_motion(self, rig: Calibration) -> None:
         def steps(name: str, direction: np.ndarray) -> np.ndarray:
@@ -205,14 +193,6 @@ class TestVerdict:
 
 
 class TestExchanged:
-    def test_two(self, rig: Calibration) -> None:
-        swapped = {"north": rig.projectors["east"], "east": rig.projectors["north"]}
-        found = compare_calibrations(rig, _with(rig, swapped))
-        assert found.verdict.kind == "exchanged"
-        assert set(found.verdict.projectors) == {"north", "east"}
-        assert "A's north is B's east" in found.verdict.text
-        assert "wrong projector on the wire" in found.verdict.text
-
     def test_all_in_a_ring_and_the_rig_rotated(self, rig: Calibration) -> None:
         """Nearly a rotation by 90 degrees; the smaller rotation is taken."""
         ring = dict(zip(FOUR, [rig.projectors[n] for n in (*list(FOUR)[1:], "south")], strict=True))
@@ -238,11 +218,6 @@ class TestExchanged:
 
         assert compare_calibrations(at(0, 20), at(12, 8)).verdict.kind != "exchanged"
         assert compare_calibrations(at(0, 20), at(20, 0)).verdict.kind == "exchanged"
-
-    def test_a_projector_knocked_far_off_is_not_exchanged(self, rig: Calibration) -> None:
-        found = compare_calibrations(rig, _moved(rig, "west", np.array([0.05, 0.08, 0.0]), 0.0))
-        assert found.verdict.kind in ("moved", "changed")
-        assert found.verdict.projectors == ("west",)
 
 
 class TestNumbers:
@@ -331,12 +306,6 @@ class TestNumbers:
         unsure = _responding(calibration, lambda d, old: old + 0.2 * d * (1 - d), sigma=0.02)
         for other in (near, unsure):
             assert compare_calibrations(calibration, other).verdict.sound
-
-    def test_directions_take_precedence_over_light(self, calibration: Calibration) -> None:
-        m = calibration.feedback
-        brighter = replace(calibration, feedback=Measured(m.value * 2, m.sigma))
-        other = _moved(brighter, "north", np.full(3, 1e-3), 0.005)
-        assert compare_calibrations(calibration, other).verdict.kind == "moved"
 
     def test_light_that_one_calibration_lacks(self, calibration: Calibration) -> None:
         dark = replace(calibration, albedo=Measured(np.full(3, np.nan), np.full(3, np.nan)))

@@ -8,11 +8,12 @@ import pytest
 
 from procam.arrays import Array
 from procam.estimate.drift.camera_motion import Seen, find_camera_motion
-from procam.estimate.geometry.model import moved_pose, project_to_camera
+from procam.estimate.geometry.model import project_to_camera
 from procam.model.calibration import Calibration
 from procam.model.optics import CameraModel
 
 NOISE_PX = 0.01
+See = Callable[..., dict[str, Seen]]
 
 
 @pytest.fixture
@@ -23,11 +24,11 @@ def camera(calibration: Calibration) -> CameraModel:
 def turned(camera: CameraModel, degrees: float, shift_m: float = 0.0) -> CameraModel:
     assert camera.camera_from_dome is not None
     step = np.r_[np.radians(degrees) * np.array([0.6, 0.0, 0.8]), shift_m, 0.0, 0.0]
-    return replace(camera, camera_from_dome=moved_pose(camera.camera_from_dome, step))
+    return replace(camera, camera_from_dome=camera.camera_from_dome.moved(step))
 
 
 @pytest.fixture
-def see(rng: np.random.Generator) -> Callable[..., dict[str, Seen]]:
+def see(rng: np.random.Generator) -> See:
     """Points of some projectors as a camera sees them; those of `moved` are elsewhere by pixels (2,)."""
 
     def seen(now: CameraModel, names: str, **moved: Array) -> dict[str, Seen]:
@@ -50,14 +51,7 @@ def see(rng: np.random.Generator) -> Callable[..., dict[str, Seen]]:
     return seen
 
 
-def test_nothing_moved(camera: CameraModel, see: Callable[..., dict[str, Seen]]) -> None:
-    found = find_camera_motion(camera, see(camera, "abc"))
-    assert not found.moved and found.camera is camera and set(found.unmoved) == set("abc")
-
-
-def test_a_camera_that_moved_is_placed(
-    camera: CameraModel, see: Callable[..., dict[str, Seen]]
-) -> None:
+def test_a_camera_that_moved_is_placed(camera: CameraModel, see: See) -> None:
     now = turned(camera, 1.3, 0.02)
     found = find_camera_motion(camera, see(now, "abc"))
     assert found.moved and set(found.unmoved) == set("abc")
@@ -65,15 +59,13 @@ def test_a_camera_that_moved_is_placed(
     assert abs(found.shifted_mm - 20) < 4 * found.shifted_sigma < 20
 
 
-def test_a_projector_that_moved_is_no_camera(
-    camera: CameraModel, see: Callable[..., dict[str, Seen]]
-) -> None:
+def test_a_projector_that_moved_is_no_camera(camera: CameraModel, see: See) -> None:
     found = find_camera_motion(camera, see(camera, "abc", b=np.array([0.8, -0.3])))
     assert not found.moved and set(found.unmoved) == {"a", "c"}
 
 
 def test_a_picture_that_is_slightly_off_does_not_bend_the_pose(
-    camera: CameraModel, see: Callable[..., dict[str, Seen]]
+    camera: CameraModel, see: See
 ) -> None:
     """A projector out of focus seems off by hundredths of a pixel, about what a pose can take up."""
     for away in np.arange(0.03, 0.07, 0.005):
@@ -81,16 +73,8 @@ def test_a_picture_that_is_slightly_off_does_not_bend_the_pose(
         assert not found.moved and found.camera is camera
 
 
-def test_a_camera_that_creeps_is_still_placed(
-    camera: CameraModel, see: Callable[..., dict[str, Seen]]
-) -> None:
-    now = turned(camera, 0.25)
-    found = find_camera_motion(camera, see(now, "abcd"))
-    assert found.moved and set(found.unmoved) == set("abcd")
-
-
 def test_a_blurred_picture_does_not_keep_a_camera_where_it_was(
-    camera: CameraModel, see: Callable[..., dict[str, Seen]]
+    camera: CameraModel, see: See
 ) -> None:
     """Its own place is uncertain by more than the camera crept, and is off the other way."""
     now = turned(camera, 0.35)
@@ -101,25 +85,21 @@ def test_a_blurred_picture_does_not_keep_a_camera_where_it_was(
     assert found.moved and set(found.unmoved) >= set("abd")
 
 
-def test_both_moved(camera: CameraModel, see: Callable[..., dict[str, Seen]]) -> None:
+def test_both_moved(camera: CameraModel, see: See) -> None:
     now = turned(camera, 1.0)
     found = find_camera_motion(camera, see(now, "abcd", c=np.array([0.9, 0.4])))
     assert found.moved and set(found.unmoved) == set("abd")
     assert abs(found.turned_deg - 1.0) < 4 * found.turned_sigma
 
 
-def test_two_projectors_that_moved_apart_are_no_camera(
-    camera: CameraModel, see: Callable[..., dict[str, Seen]]
-) -> None:
+def test_two_projectors_that_moved_apart_are_no_camera(camera: CameraModel, see: See) -> None:
     """Each alone could be seen by a camera that moved."""
     a, b = (see(turned(camera, degrees), "ab") for degrees in (0.8, -1.2))
     found = find_camera_motion(camera, {"a": a["a"], "b": b["b"]})
     assert not found.moved and found.unmoved == ()
 
 
-def test_one_projector_says_nothing_of_the_camera(
-    camera: CameraModel, see: Callable[..., dict[str, Seen]]
-) -> None:
+def test_one_projector_says_nothing_of_the_camera(camera: CameraModel, see: See) -> None:
     found = find_camera_motion(camera, see(camera, "a", a=np.array([2.0, 0.0])))
     assert not found.moved or found.unmoved == ("a",)
 
@@ -128,9 +108,7 @@ def test_no_projector_seen(camera: CameraModel) -> None:
     assert not find_camera_motion(camera, {}).moved
 
 
-def test_the_angle_has_the_spread_that_its_sigma_says(
-    camera: CameraModel, see: Callable[..., dict[str, Seen]]
-) -> None:
+def test_the_angle_has_the_spread_that_its_sigma_says(camera: CameraModel, see: See) -> None:
     now = turned(camera, 0.7)
     found = [find_camera_motion(camera, see(now, "abc")) for _ in range(40)]
     z = [(each.turned_deg - 0.7) / each.turned_sigma for each in found]

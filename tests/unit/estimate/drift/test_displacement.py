@@ -27,7 +27,7 @@ def tiles(rng: np.random.Generator) -> Image:
 def scene(rng: np.random.Generator, terms: Array, soft: float = 0.0) -> tuple[Image, Image, Motion]:
     """A texture before; a picture in which it is found at `motion`; and that motion."""
     wide = tiles(rng)
-    motion = Motion(SHAPE, terms, np.zeros((8, 8)), 0.0)
+    motion = Motion(SHAPE, terms, np.zeros((8, 8)))
     grid = grid_places(SHAPE) + 12.0
     before = sample(wide, grid)
     back = grid
@@ -103,16 +103,8 @@ def test_noise_is_no_motion(rng: np.random.Generator) -> None:
     """Of motions that are noise alone, the mean square less what noise adds is 0."""
     covariance = np.diag(np.full(8, 1e-8))
     places = grid_places(SHAPE)[::7, ::7].reshape(-1, 2)
-    sizes = [
-        Motion(SHAPE, rng.normal(0, 1e-4, 8), covariance, 0.0).rms(places)[0] for _ in range(60)
-    ]
+    sizes = [Motion(SHAPE, rng.normal(0, 1e-4, 8), covariance).rms(places)[0] for _ in range(60)]
     assert 0.3 < np.mean([size == 0 for size in sizes]) < 0.8
-
-
-def test_sharper_is_negative(rng: np.random.Generator) -> None:
-    today, before, _ = scene(rng, np.zeros(8), 1.5)
-    _, windows = follow(seen(before, rng), sampler(seen(today, rng)), unmoved(SHAPE))
-    assert float(np.median(windows.blur2)) == pytest.approx(-2.25, rel=0.06)
 
 
 @pytest.mark.parametrize(
@@ -143,15 +135,6 @@ def test_parts_that_are_found_elsewhere_do_not_count(rng: np.random.Generator) -
     found, _ = follow(before, sampler(today), fit_motion(windows, SHAPE))
     places = grid_places(SHAPE)[30:-30, 60:-30].reshape(-1, 2)
     assert np.abs(found.at(places) - motion.at(places)).max() < 0.2
-
-
-def test_outlying_windows_count_little(rng: np.random.Generator) -> None:
-    place = rng.uniform(0, 1, (40, 2)) * [199, 119]
-    true = Motion(SHAPE, np.array([0.01, 0, 0, 0.02, 0, 0, 0, 0]), np.zeros((8, 8)), 0.0)
-    shift = true.at(place) + rng.normal(0, 0.01, (40, 2))
-    shift[:4] += 5.0
-    found = fit_motion(Windows(place, shift, np.full(40, 0.01), np.zeros(40)), SHAPE)
-    assert np.abs(found.terms - true.terms).max() < 5e-4
 
 
 def test_the_covariance_predicts_the_spread(rng: np.random.Generator) -> None:

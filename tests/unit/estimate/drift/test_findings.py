@@ -18,6 +18,7 @@ from procam.model.photometry import Departure
 from procam.model.transport import Measured
 
 SHAPE = 30, 48
+Named = Callable[..., set[tuple[str, str]]]
 SAME = ProjectorChange(
     1.0,
     motion=unmoved(SHAPE),
@@ -45,13 +46,13 @@ def moved(**terms: float) -> ProjectorChange:
     """A projector whose picture moved by some of the terms a0, a1, a2, b0, b1, b2, g, h."""
     order = ("a0", "a1", "a2", "b0", "b1", "b2", "g", "h")
     values = np.array([terms.get(name, 0.0) for name in order])
-    motion = Motion(SHAPE, values, np.eye(8) * 1e-10, 0.0)
+    motion = Motion(SHAPE, values, np.eye(8) * 1e-10)
     length = float(np.linalg.norm(values)) * 24
     return replace(SAME, motion=motion, moved_px=length, moved_sigma=0.003, edge_follows=1.0)
 
 
 @pytest.fixture
-def venue(calibration: Calibration) -> Callable[..., set[tuple[str, str]]]:
+def venue(calibration: Calibration) -> Named:
     """Causes that are named where the projectors of the calibration, and others, changed as given."""
 
     def named(
@@ -82,12 +83,12 @@ def log(*ratios: float) -> np.ndarray:
     return np.log(np.array(ratios))
 
 
-def test_nothing(venue: Callable[..., set[tuple[str, str]]]) -> None:
+def test_nothing(venue: Named) -> None:
     assert venue() == set()
 
 
 def test_levels_of_a_picture_that_is_drawn_anew_are_not_judged(
-    venue: Callable[..., set[tuple[str, str]]],
+    venue: Named,
 ) -> None:
     bent = replace(moved(h=0.03), response=responding(exponent=1.3).response, black=3.0, raised=0.1)
     assert venue(south=bent) == {("picture setting", "south"), ("black level", "south")}
@@ -123,9 +124,7 @@ def test_levels_of_a_picture_that_is_drawn_anew_are_not_judged(
         (replace(SAME, response=None), "not seen"),
     ],
 )
-def test_of_one_projector(
-    change: ProjectorChange, cause: str, venue: Callable[..., set[tuple[str, str]]]
-) -> None:
+def test_of_one_projector(change: ProjectorChange, cause: str, venue: Named) -> None:
     assert venue(south=change) == {(cause, "south")}
 
 
@@ -143,13 +142,11 @@ def test_of_one_projector(
         replace(SAME, light=log(0.985, 0.985, 0.985)),  # less than what matters
     ],
 )
-def test_what_is_not_certain_is_not_named(
-    change: ProjectorChange, venue: Callable[..., set[tuple[str, str]]]
-) -> None:
+def test_what_is_not_certain_is_not_named(change: ProjectorChange, venue: Named) -> None:
     assert venue(south=change) == set()
 
 
-def test_all_lamps_alike_are_the_camera(venue: Callable[..., set[tuple[str, str]]]) -> None:
+def test_all_lamps_alike_are_the_camera(venue: Named) -> None:
     dim = replace(SAME, light=log(0.8, 0.8, 0.8))
     assert venue(south=dim, north=dim) == {("camera exposure", "zenith")}
     dimmer = replace(SAME, light=log(0.72, 0.72, 0.72))
@@ -157,11 +154,7 @@ def test_all_lamps_alike_are_the_camera(venue: Callable[..., set[tuple[str, str]
     assert both == {("camera exposure", "zenith"), ("light", "west")}
 
 
-def test_one_of_two_lamps_is_the_lamp(venue: Callable[..., set[tuple[str, str]]]) -> None:
-    assert venue(north=replace(SAME, light=log(0.8, 0.8, 0.8))) == {("light", "north")}
-
-
-def test_all_blurred_alike_are_the_camera(venue: Callable[..., set[tuple[str, str]]]) -> None:
+def test_all_blurred_alike_are_the_camera(venue: Named) -> None:
     soft, softer = replace(SAME, blur_px2=2.0), replace(SAME, blur_px2=5.0)
     assert venue(south=soft, north=soft, east=soft) == {("camera focus", "zenith")}
     assert venue(south=soft, north=soft, east=softer) == {
@@ -171,19 +164,19 @@ def test_all_blurred_alike_are_the_camera(venue: Callable[..., set[tuple[str, st
 
 
 def test_a_camera_that_moved_is_named_by_several_pictures(
-    venue: Callable[..., set[tuple[str, str]]],
+    venue: Named,
 ) -> None:
     assert venue(seen=("south", "north")) == {("camera moved", "zenith")}
 
 
 def test_the_only_picture_that_is_seen_may_have_moved_itself(
-    venue: Callable[..., set[tuple[str, str]]],
+    venue: Named,
 ) -> None:
     dark = replace(SAME, shows=0.0)
     assert venue(seen=("south",), north=dark) == {("moved", "south"), ("no picture", "north")}
 
 
-def test_the_room(venue: Callable[..., set[tuple[str, str]]]) -> None:
+def test_the_room(venue: Named) -> None:
     assert venue(scatter=1.2) == {("floor or audience", "")}
     assert venue(scatter=1.01) == set()
     assert venue(ambient=0.02) == {("ambient light", "")}

@@ -24,7 +24,7 @@ def flux(place: Array) -> Array:
 )
 def test_flux_that_moved_is_conserved(terms: list[float], bound: float) -> None:
     """A pixel's flux lands elsewhere on another area: the density there is the flux over it."""
-    motion = Motion(SHAPE, np.array(terms), np.zeros((8, 8)), 0.0)
+    motion = Motion(SHAPE, np.array(terms), np.zeros((8, 8)))
     grid = grid_places(SHAPE)
     back = grid
     for _ in range(20):
@@ -102,16 +102,6 @@ def test_a_stain_whatever_the_lamps_do(rng: np.random.Generator) -> None:
     assert found.stain.loss == pytest.approx(0.25, abs=0.01)
     assert float(found.stain.direction @ SPOT.direction) > np.cos(np.radians(1.0))
     assert np.degrees(found.stain.width) == pytest.approx(8.0, rel=0.1)
-
-
-def test_both(rng: np.random.Generator) -> None:
-    def both(where: Array) -> Array:
-        return np.asarray(dusty(where) + SPOT.log_albedo(where))
-
-    found = find_dome_change(seen(rng, both, LAMPS))
-    assert found.dust and found.stain
-    assert found.dust.loss == pytest.approx(0.095, abs=0.01)
-    assert found.stain.loss == pytest.approx(0.25, abs=0.03)
 
 
 def test_what_scatter_leaves_is_no_dust(rng: np.random.Generator) -> None:

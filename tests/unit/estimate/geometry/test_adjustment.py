@@ -9,10 +9,8 @@ from procam.estimate.geometry.adjustment import (
     Adjustment,
     _with_correlated_misfit,
     descent,
-    normalised_residuals,
     prior_departures,
     prior_sigmas,
-    robust_sigma,
     systematic_ratio,
 )
 from procam.estimate.geometry.model import Observations, ParameterLayout
@@ -68,16 +66,6 @@ def test_one_misread_patch_is_not_systematic(rng: np.random.Generator) -> None:
     error = rng.normal(0, 0.1, (len(seen.sigma_px), 2))
     error[0] = 100.0  # a thousand sigmas; the 200 observations of its cell are sound
     assert systematic_ratio(error, seen, SIZE) < 1.3
-
-
-def test_the_robust_sigma_is_that_of_the_majority(rng: np.random.Generator) -> None:
-    seen = _observations(rng)
-    error = rng.normal(0, 0.2, (len(seen.sigma_px), 2))
-    error[::10] += 50.0
-    error[0] = np.nan
-    normalised = normalised_residuals(error, seen)
-    assert np.isinf(normalised[0])
-    assert robust_sigma(normalised) == pytest.approx(2.0, rel=0.15)
 
 
 def test_priors_follow_what_is_known() -> None:

@@ -7,8 +7,6 @@ import pytest
 from domes import MARKS_DEG, SimulatedDome
 from printed_tags import Printed, photograph, whiteness
 
-from procam.errors import CalibrationError
-from procam.estimate.boards.targets import TAG_SETS, find_tags, tag_cells
 from procam.estimate.geometry.apriltags import (
     TagObservations,
     detect_tags,
@@ -19,6 +17,7 @@ from procam.estimate.geometry.apriltags import (
 )
 from procam.estimate.geometry.model import RigGeometry
 from procam.estimate.geometry.solve import solve_geometry
+from procam.maths.codes.april_tags import TAG_SETS, find_tags, tag_cells
 from procam.maths.geometry.lenses import Lens, project, unproject
 from procam.maths.geometry.pose import Pose
 from procam.maths.geometry.sphere import angle_between, normalise
@@ -233,12 +232,6 @@ class TestGeometry:
         found = solve_geometry(dome.problem(dome.observations(48), fiducials=marks))
         assert not len(found.freedoms)
         assert worst_direction(found.rig, dome.rig()) < 5e-5  # a sixth of an arcminute
-
-    def test_a_tag_at_another_place_is_named_once(self, dome, printed) -> None:
-        listed = [t.listed(1e-3) for t in printed[:3]]
-        marks = tags_seen(dome, printed, [replace(listed[0], azimuth=0.9), *listed[1:]])
-        with pytest.raises(CalibrationError, match=r"fiducials: tag 7 does not fit the others"):
-            solve_geometry(dome.problem(dome.observations(48), fiducials=marks))
 
 
 def worst_direction(found: RigGeometry, truth: RigGeometry) -> float:

@@ -12,9 +12,10 @@ from procam.estimate.geometry.direction_samples import direction_sigmas, sample_
 from procam.estimate.geometry.pixel_directions import fit_pixel_directions, panel_grid
 from procam.estimate.geometry.solve import GeometrySolution, solve_geometry
 from procam.maths.geometry.pose import align_rotation, rotation_vector
-from procam.maths.geometry.sphere import ARCMIN, grid_solid_angles, normalise
+from procam.maths.geometry.sphere import ARCMIN, normalise
 from simulators.observations import lit_points
 from simulators.presets import REALISTIC, STANDARD, Preset
+from simulators.solid_angles import grid_solid_angles
 
 DRAWS = 400
 
@@ -50,7 +51,9 @@ def test_draws_scatter_by_their_sigma(preset: Preset, cameras: int) -> None:
     fitted = fit_pixel_directions(solution, "south")
     x, y = np.arange(7.0, 1920, 160), np.arange(9.0, 1200, 160)
     pixels = np.stack(np.meshgrid(x, y), axis=-1)
-    drawn = sample_directions(solution, "south", pixels, DRAWS, np.random.default_rng(1))
+    drawn = sample_directions(
+        solution, fit_pixel_directions(solution, "south"), pixels, DRAWS, np.random.default_rng(1)
+    )
     off = drawn - fitted.at(pixels)
     sigma = fitted.sigma_arcmin(x, y) / ARCMIN
     lit = np.isfinite(_true(dome, pixels)).all(axis=-1)
@@ -65,7 +68,10 @@ def test_draws_are_unit_directions_of_any_pixels_and_repeat() -> None:
     _, solution = _solved(7, STANDARD, 1)
     pixels = np.array([[900.0, 300.0], [901.5, 300.0], [40.0, 600.0]])
     drawn = [
-        sample_directions(solution, "south", pixels, 3, np.random.default_rng(5)) for _ in "12"
+        sample_directions(
+            solution, fit_pixel_directions(solution, "south"), pixels, 3, np.random.default_rng(5)
+        )
+        for _ in "12"
     ]
     assert drawn[0].shape == (3, 3, 3)
     np.testing.assert_allclose(np.linalg.norm(drawn[0], axis=-1), 1.0)
@@ -82,7 +88,9 @@ def test_projectors_drawn_from_one_state_belong_to_one_rig() -> None:
     turns = []
     for name in ("south", "north"):
         mean = fit_pixel_directions(solution, name).at(pixels).reshape(-1, 3)
-        drawn = sample_directions(solution, name, pixels, 20, np.random.default_rng(3))
+        drawn = sample_directions(
+            solution, fit_pixel_directions(solution, name), pixels, 20, np.random.default_rng(3)
+        )
         turns.append([rotation_vector(align_rotation(mean, d.reshape(-1, 3))) for d in drawn])
     south, north = np.array(turns)
     assert np.sqrt(np.mean((south - north) ** 2)) < 0.2 * np.sqrt(np.mean(south**2))
@@ -141,7 +149,13 @@ def test_solid_angles_get_error_bars_that_cover_the_truth() -> None:
         estimate = float(
             grid_solid_angles(fit_pixel_directions(solution, "south").at(corners)).sum()
         )
-        drawn = sample_directions(solution, "south", corners, 50, np.random.default_rng(seed))
+        drawn = sample_directions(
+            solution,
+            fit_pixel_directions(solution, "south"),
+            corners,
+            50,
+            np.random.default_rng(seed),
+        )
         sums = np.array([grid_solid_angles(d).sum() for d in drawn])
         ratios.append(sums.std() / true)
         score.append((estimate - true) / sums.std())

@@ -8,14 +8,14 @@ from domes import SimulatedDome, step_between
 
 from procam.errors import CalibrationError
 from procam.estimate.geometry.known_rig import solve_projectors
-from procam.estimate.geometry.model import Observations, ParameterLayout, RigGeometry, moved_pose
+from procam.estimate.geometry.model import Observations, ParameterLayout, RigGeometry
 
 
 def before(dome: SimulatedDome, name: str) -> RigGeometry:
     """The rig as it was before a projector was nudged by half a degree."""
     rig = dome.rig()
     old = rig.projectors[name]
-    pose = moved_pose(old.projector_from_dome, np.array([0.005, -0.007, 0.002, 0, 0.01, 0]))
+    pose = old.projector_from_dome.moved(np.array([0.005, -0.007, 0.002, 0, 0.01, 0]))
     return replace(rig, projectors={**rig.projectors, name: replace(old, projector_from_dome=pose)})
 
 

@@ -7,13 +7,11 @@ import numpy as np
 import pytest
 from domes import SimulatedDome, step_between
 
-from procam.errors import CalibrationError, NotEnoughData
+from procam.errors import NotEnoughData
 from procam.estimate.geometry.model import ParameterLayout
-from procam.estimate.geometry.pixel_directions import fit_pixel_directions
 from procam.estimate.geometry.solve import GeometrySolution, solve_geometry
-from procam.maths.geometry.sphere import ARCMIN, angle_between, intersect_sphere, normalise
+from procam.maths.geometry.sphere import intersect_sphere
 from procam.maths.mesh.shape import MeshShape
-from simulators.observations import lit_points
 from simulators.presets import STANDARD
 
 LOW, HIGH = (-8.5, -7.6, -2.0), (8.3, 7.9, 6.5)
@@ -87,16 +85,9 @@ def test_errors_of_directions_agree_with_their_sigma(kind: str) -> None:
     dome = _rig(kind, projectors=2)
     found = _solved(dome, 0.02)
     assert max(found.scale.values()) < 1.1
-    x, y = np.arange(7, 1920, 40), np.arange(9, 1200, 40)
-    pixels = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2).astype(float)
-    for build in dome.projectors:
-        true = lit_points(dome.surface, build, pixels)
-        lit = np.isfinite(true).all(axis=1)
-        fitted = fit_pixel_directions(found, build.name)
-        estimate = fitted.directions(x, y).reshape(-1, 3)[lit]
-        error = ARCMIN * angle_between(normalise(true[lit]), estimate)
-        assert np.sqrt(np.mean(error**2)) < 0.1
-        assert 0.3 < np.mean((error / fitted.sigma_arcmin(x, y).ravel()[lit]) ** 2) < 2
+    error, sigma = dome.direction_errors(found)
+    assert np.sqrt(np.mean(error**2)) < 0.1
+    assert 0.3 < np.mean((error / sigma) ** 2) < 2
 
 
 def test_a_mesh_needs_four_fiducials() -> None:
@@ -105,13 +96,4 @@ def test_a_mesh_needs_four_fiducials() -> None:
     with pytest.raises(
         NotEnoughData, match=r"fiducials: no camera sees more than 3 .* needs 4 or more"
     ):
-        solve_geometry(problem)
-
-
-def test_a_wrong_corner_is_named() -> None:
-    dome = _rig("box", projectors=2)
-    marks = dome.fiducials(count=5)
-    marks[3] = replace(marks[3], azimuth=marks[3].azimuth + 0.1)
-    problem = dome.problem(dome.observations(64), shape=dome.surface.shape(), fiducials=marks)
-    with pytest.raises(CalibrationError, match="back does not fit the others"):
         solve_geometry(problem)

@@ -73,16 +73,6 @@ class TestExact:
             "no place has red, green, blue and white, so additivity is not tested",
         )
 
-    def test_patches_of_several_places_and_projectors(
-        self, dome: Calibration, meter: Meter
-    ) -> None:
-        mixed = [
-            meter.read("south", "red", LEFT),
-            meter.read("north", "green", MIDDLE),
-            meter.read("north", "white", RIGHT),
-        ]
-        assert error(fit_absolute(mixed, dome).colour.xyz_from_content) < EXACT
-
     def test_a_reading_of_black_subtracts_the_light_of_the_room(self, dome: Calibration) -> None:
         lit_room = Meter(dome, room=(0.2, 0.25, 0.1))
         found = fit_absolute(lit_room.read_all(*SPOTS[:2], patches=EVERY), dome)
@@ -111,29 +101,6 @@ class TestExact:
         readings = Meter(dome, shape=shape).read_all(*SPOTS)
         assert error(fit_absolute(readings, bent).colour.xyz_from_content) < EXACT
         assert error(fit_absolute(readings, dome).colour.xyz_from_content) > 100 * EXACT
-
-
-class TestWhatIsTakenOut:
-    """Left in, each of these parts would be seen."""
-
-    def test_scattered_light(self, dome: Calibration, readings: list[MeterReading]) -> None:
-        none = replace(dome.maps, scatter_per_flux=np.zeros_like(dome.maps.scatter_per_flux))
-        found = fit_absolute(readings, replace(dome, maps=none))
-        assert error(found.colour.xyz_from_content) > 0.05
-
-    def test_black(self, dome: Calibration, readings: list[MeterReading]) -> None:
-        none = replace(dome.maps, lo=np.zeros_like(dome.maps.lo))
-        found = fit_absolute(readings, replace(dome, maps=none))
-        assert error(found.colour.xyz_from_content) > 0.001
-        assert found.additivity.error == pytest.approx(2 * 0.004, rel=0.01)
-
-    def test_the_mixing_of_colours(self, dome: Calibration, readings: list[MeterReading]) -> None:
-        pure = {
-            n: replace(p, photometry=replace(p.photometry, colour_mix=np.eye(3)))
-            for n, p in dome.projectors.items()
-        }
-        found = fit_absolute(readings, replace(dome, projectors=pure))
-        assert error(found.colour.xyz_from_content) > 0.02
 
 
 def test_the_errors_of_a_meter_are_as_large_as_stated(

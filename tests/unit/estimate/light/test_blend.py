@@ -7,7 +7,6 @@ from tolerances import FLOAT32
 from procam.estimate.light.blend import Blender, common_white
 from procam.maths.geometry.sphere import master_directions
 from procam.model.calibration import Calibration
-from procam.model.screen import Dome
 
 
 @pytest.fixture(scope="module")
@@ -51,13 +50,6 @@ def test_there_is_no_step_anywhere(blender: Blender) -> None:
     south = blender.weights(path[None].astype(np.float32))["south"][0]
     assert south.max() == pytest.approx(1, abs=1e-5) and south.min() == pytest.approx(0, abs=1e-5)
     assert np.abs(np.diff(south)).max() < 0.01
-
-
-def test_one_projector_takes_it_all(calibration: Calibration) -> None:
-    south = calibration.projectors["south"]
-    alone = Blender({"south": south.model}, {"south": south.surface}, Dome(6.0, np.pi / 2))
-    weight = alone.weights(south.surface.direction)["south"]
-    np.testing.assert_allclose(weight[5:25, 5:43][south.surface.valid[5:25, 5:43]], 1, rtol=FLOAT32)
 
 
 def test_common_white_is_the_least_anyone_can_do(rng: np.random.Generator) -> None:

@@ -56,17 +56,3 @@ def test_the_slope_is_what_a_brighter_floor_changes() -> None:
         for floor, which in ((0.29, 0), (0.3, 1), (0.31, 0))
     )
     np.testing.assert_allclose(slope, (brighter - darker) / 0.02, atol=1e-3 * np.abs(slope).max())
-
-
-def test_a_wall_returns_light_unevenly_and_a_sphere_alone_does_not() -> None:
-    dome = Dome(6.0, np.pi / 2)
-    ahead = master_directions(CELLS)[0][..., 0].ravel() > 0
-    white = np.where(ON_CAP, master_solid_angles(CELLS).ravel(), 0.0)
-    lights = np.stack([white * ahead, white], axis=1)
-    below = below_rim(dome, 0.3)
-    spread = []
-    for albedo in (0.0, 0.25):
-        room = ModelRoom(dome, 0.5, 0.0, replace(below, wall_albedo=albedo))
-        spread.append(np.ptp(room.over_white(lights)[0][ON_CAP]))
-    assert spread[0] < 1e-9
-    assert spread[1] > 1e-4

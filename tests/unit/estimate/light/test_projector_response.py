@@ -113,14 +113,6 @@ class TestResponse:
         np.testing.assert_allclose(found.values[at], [[0] * 3, [1] * 3], atol=1e-9)
         assert (np.diff(found.values, axis=0) >= 0).all()
 
-    def test_pictures_add_up(self, direct: np.ndarray, level: np.ndarray) -> None:
-        whole, parts = ProjectorResponseFit(direct, MIX), ProjectorResponseFit(direct, MIX)
-        light = _light(direct, self.curve, level)
-        whole.add(light, level)
-        for half in (0, 1):
-            parts.add(light, np.where(np.arange(SHAPE[0])[:, None] % 2 == half, level, -1))
-        np.testing.assert_allclose(whole.curve().values, parts.curve().values, atol=1e-9)
-
     @pytest.mark.parametrize("shared", [False, True])
     def test_sigma_is_that_of_the_mean(
         self, rng: np.random.Generator, direct: np.ndarray, level: np.ndarray, shared: bool

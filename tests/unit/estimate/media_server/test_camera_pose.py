@@ -149,7 +149,7 @@ class TestGeometry:
         arcmin = np.linalg.norm(residual, axis=1) * 180 * 60 / SIZE
         assert np.sqrt(np.mean(arcmin**2)) == pytest.approx(placed.rms_arcmin, rel=0.2)
         draws = sample_directions(
-            geometry, "server", found[:2, :2, :2] * 0 + 256.0, 3, np.random.default_rng(1)
+            geometry, fitted, found[:2, :2, :2] * 0 + 256.0, 3, np.random.default_rng(1)
         )
         assert np.isfinite(draws).all()
 

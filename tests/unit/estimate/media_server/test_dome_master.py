@@ -12,7 +12,6 @@ from procam.estimate.media_server.dome_master import (
     zone_picture,
 )
 from procam.maths.geometry.lenses import project
-from procam.maths.geometry.pose import rotation_matrix
 from procam.maths.geometry.sphere import (
     direction_from_angles,
     master_directions,
@@ -117,9 +116,3 @@ def test_positions_outside_the_circle() -> None:
     master = DomeMaster("server", 100)
     places = np.array([[49.5, 49.5], [49.5, 99.0], [5.0, 5.0], [np.nan, 3.0]], np.float32)
     assert master.inside(places).tolist() == [True, True, False, False]
-
-
-def test_axes_of_the_model_are_right_handed() -> None:
-    turn = DomeMaster("server", 100, rotation=1.0).model.projector_from_dome.rotation
-    assert np.linalg.det(turn) == pytest.approx(1.0)
-    np.testing.assert_allclose(turn @ rotation_matrix([0, 0, 1.0]) @ [0, 0, 1], [0, 0, 1])

@@ -147,14 +147,6 @@ class TestLight:
         )
         return clipped_white(bright, 0.5), clipped_black(dark, 0.5)
 
-    def test_bright_steps_are_shares_of_white(self) -> None:
-        screen = uniform_screen()
-        pair, black = screen.pair(), screen.seen(np.zeros(COUNT))
-        steps = screen.seen((np.array(BRIGHT_LEVELS) / 255) ** 2.2)
-        found = step_light(BRIGHT_LEVELS, steps, pair, black)
-        for code, (share, _) in found.items():
-            assert share == pytest.approx((code / 255) ** 2.2, abs=0.01)
-
     def test_sigma_is_the_spread_over_many_photographs(self) -> None:
         screen, rng = Screen(), np.random.default_rng(8)
         clean = [*screen.pair(), *screen.pair(1.0), *screen.colours()]

@@ -8,17 +8,14 @@ import pytest
 from procam.errors import InputError, NotEnoughData
 from procam.estimate.structured_light.codes import (
     CODES,
-    DEFAULT_CODE,
     Code,
-    Plane,
     generate,
     make_code,
     picture,
-    wave_code,
 )
 from procam.estimate.structured_light.decode import Decoded, Decoder
-from procam.maths.codes.gray import bit_count
 from procam.model.correspondence import CorrespondenceMap
+from studies.one_fringe import wave_code
 
 SIZE = (320, 200)
 
@@ -57,7 +54,7 @@ class TestRoundTrip:
     ) -> None:
         code = make_code(name, size)
         result = decoded(code, photographs(code, whole))
-        assert (result.lost, result.notes) == ((), ())
+        assert result.notes == ()
         check_every_pixel(result.map, code)
 
     @pytest.mark.parametrize("name", CODES)
@@ -84,7 +81,7 @@ class TestPatterns:
     def test_order_count_and_type(self, name: str) -> None:
         expected = {
             "micro-phase": 18,
-            "gray": 2 + 2 * bit_count(SIZE[0]) + 2 * bit_count(SIZE[1]),
+            "gray": 2 + 2 * sum((n - 1).bit_length() for n in SIZE),
             "phase-heterodyne": 2 + 2 * 12,
         }
         code = make_code(name, SIZE)
@@ -97,14 +94,6 @@ class TestPatterns:
         assert (patterns[0] == 255).all() and (patterns[1] == 0).all()
         axes = [p.axis for p in code.planes[2:]]
         assert axes == sorted(axes) and set(axes) == {"x", "y"}
-
-    @pytest.mark.parametrize("name", CODES)
-    def test_constant_along_the_other_axis_up_to_one_level(self, name: str) -> None:
-        code = make_code(name, SIZE)
-        for plane, shown in zip(code.planes, generate(code), strict=True):
-            across = 0 if plane.axis == "x" else 1
-            spread = int(np.ptp(shown[..., 0].astype(int), axis=across).max())
-            assert spread <= (1 if plane.kind == "sine" else 0)
 
     def test_dithered_rounding_averages_away(self) -> None:
         """The mean over neighbouring lines is the exact drive, a hundred times better than rounding."""
@@ -128,22 +117,6 @@ class TestPatterns:
             expected = wave[None, :] if plane.axis == "x" else wave[:, None]
             assert np.abs(light - expected).max() < gamma / 255
 
-    def test_stripes_are_followed_by_their_inverses(self) -> None:
-        code = make_code("gray", SIZE)
-        for plane, inverse in zip(code.planes[2::2], code.planes[3::2], strict=True):
-            assert (plane.inverse, inverse.inverse) == (False, True)
-            assert (plane.axis, plane.bit) == (inverse.axis, inverse.bit)
-            total = picture(code, plane).astype(int) + picture(code, inverse)
-            assert set(np.unique(total)) == {255}
-
-    def test_names_of_planes(self) -> None:
-        assert [str(p) for p in (Plane("white"), Plane("black"))] == ["white", "black"]
-        assert str(Plane("binary", "y", 3, inverse=True)) == "row bit 3 inverse"
-        assert (
-            str(Plane("sine", "x", period=18.2766, shift=np.pi))
-            == "column wave 18.28 px at 180 deg"
-        )
-
 
 class TestMaking:
     @pytest.mark.parametrize("name", ["morse", "xor-02"])
@@ -156,6 +129,3 @@ class TestMaking:
     def test_a_panel_of_one_line_or_too_many_is_refused(self, size: tuple[int, int]) -> None:
         with pytest.raises(InputError, match=f"size: {size[0]}x{size[1]} px is not a panel"):
             make_code("gray", size)
-
-    def test_the_default_is_one_of_them(self) -> None:
-        assert DEFAULT_CODE in CODES and DEFAULT_CODE == "micro-phase"

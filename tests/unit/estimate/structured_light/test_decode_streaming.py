@@ -6,10 +6,11 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from procam.estimate.structured_light.codes import AxisCode, Code, make_code, picture, wave_code
+from procam.estimate.structured_light.codes import AxisCode, Code, make_code, picture
 from procam.estimate.structured_light.decode import Decoder
 from procam.estimate.structured_light.limits import DecodeLimits
 from procam.maths.codes.gray import encode_gray
+from studies.one_fringe import wave_code
 
 SHAPE = (300, 400)
 LIMITS = DecodeLimits(20, 10, saturated=None)

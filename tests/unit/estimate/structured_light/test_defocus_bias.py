@@ -115,12 +115,6 @@ def test_a_straight_border(axis: int, turn: float) -> None:
     assert np.max(left[after.valid & inner][:, 1 - axis]) < 0.06
 
 
-def test_a_corner() -> None:
-    view = View(Light(0.004, start=40.0), Light(start=45.0), 0.2)
-    left = view.errors(view.corrected())
-    assert np.sqrt(np.mean(left**2)) < 0.05
-
-
 def test_the_edge_of_the_photograph_is_no_border() -> None:
     """Where the camera sees only part of a picture nothing is missing of its light."""
     view = View(Light(), Light())

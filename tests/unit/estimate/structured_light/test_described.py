@@ -152,14 +152,6 @@ class TestOrder:
         assert names[:3] == ["white", "black", "column wave 18 px at 0 deg"]
         assert names[5] == "column wave 16 px at 0 deg"
 
-    def test_parts(self) -> None:
-        blocks = ("rows-gray", "columns", "white", "rows-phase", "black")
-        code = described(GRAY_CELLS, blocks)
-        order = folder_order(code)
-        assert sorted(order) == list(range(len(code.planes)))
-        assert [code.planes[i].kind for i in order[:3]] == ["binary"] * 3
-        assert [code.planes[i].axis for i in order[3:9]] == ["x"] * 6
-
     def test_usual_orders(self) -> None:
         stripes = make_code("gray", (64, 32))
         assert folder_order(stripes)[-2:] == [0, 1]

@@ -47,20 +47,6 @@ def test_white_and_black_are_exchanged() -> None:
     assert planes[:2] == [1, 0] and "img_0 and img_1: white and black" in note
 
 
-def test_a_pattern_without_light_is_left_out() -> None:
-    shown = photographs()
-    shown[7] = shown[1]
-    planes = order()
-    (note,) = drop_dark(CODE, probed(shown), planes)
-    assert planes[7] is None and note == f"img_7: black, expected {CODE.planes[7]}; left out"
-
-
-def test_half_a_panel_is_no_fault() -> None:
-    """A pattern is dark there, and its inverse bright."""
-    photos, planes = probed([p[:, 33:] for p in photographs()]), order()
-    assert drop_dark(CODE, photos, planes) == [] and planes == order()
-
-
 def test_clipped_white_is_noted() -> None:
     (note,) = check_levels(probed(photographs(2.0)), order())
     assert note == "img_0: white is clipped in 100% of the lit pixels; expose shorter"

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from procam.estimate.structured_light.outliers import SIGMAS, STEP_PX, drop_outliers, keep_only
+from procam.estimate.structured_light.outliers import SIGMAS, STEP_PX, drop_outliers
 from procam.model.correspondence import CorrespondenceMap
 
 SHAPE = (40, 60)
@@ -59,18 +59,6 @@ class TestDropOutliers:
         smooth.sigma_px[20, 30] = 2.0
         assert drop_outliers(smooth).valid[20, 30]
 
-    def test_nothing_is_filled_in(self, smooth: CorrespondenceMap) -> None:
-        found = drop_outliers(smooth)
-        assert not (found.valid & ~smooth.valid).any()
-        assert np.isnan(found.projector_xy[15:19, 22:27]).all()
-
-    def test_the_map_given_is_left_alone(self, smooth: CorrespondenceMap) -> None:
-        changed(smooth, (20, 30), 18.0, 0)
-        before = smooth.projector_xy.copy()
-        drop_outliers(smooth)
-        np.testing.assert_array_equal(smooth.projector_xy, before)
-        assert smooth.valid[20, 30]
-
     def test_nothing_at_all(self) -> None:
         nothing = np.full((9, 9, 2), np.nan, np.float32)
         found = drop_outliers(CorrespondenceMap(nothing, nothing, np.zeros((9, 9), bool)))
@@ -82,14 +70,3 @@ class TestDropOutliers:
         valid = np.isfinite(xy[..., 0])
         found = drop_outliers(CorrespondenceMap(xy, 0 * xy + 0.1, valid))
         np.testing.assert_array_equal(found.valid, valid)
-
-
-def test_keep_only_never_adds(smooth: CorrespondenceMap) -> None:
-    keep = np.zeros(SHAPE, bool)
-    keep[:, :25] = True
-    found = keep_only(smooth, keep)
-    np.testing.assert_array_equal(found.valid, smooth.valid & keep)
-    np.testing.assert_array_equal(found.projector_xy[found.valid], smooth.projector_xy[found.valid])
-    assert np.isnan(found.projector_xy[~found.valid]).all()
-    assert np.isnan(found.sigma_px[~found.valid]).all()
-    assert (found.projector_xy.dtype, found.sigma_px.dtype) == (np.float32, np.float32)

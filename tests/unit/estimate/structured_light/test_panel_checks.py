@@ -108,10 +108,6 @@ class TestNotes:
 
 
 class TestShare:
-    def test_of_all_lines_between_the_first_and_the_last(self) -> None:
-        lines = np.setdiff1d(np.arange(20, 120), np.arange(25, 120, 10))
-        assert unseen_share(np.repeat(lines, 60)) == pytest.approx(10 / 100)
-
     def test_few_pixels_to_a_line_mean_nothing(self) -> None:
         lines = np.setdiff1d(np.arange(100), np.arange(5, 100, 10))
         assert unseen_share(np.repeat(lines, 20)) == 0

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from procam.estimate.structured_light.pixel_area import (
+from procam.estimate.structured_light.outliers import (
     drop_beyond_panel,
     with_area_error,
 )
@@ -33,13 +33,6 @@ def test_a_slope_of_light_enters_the_standard_error() -> None:
     np.testing.assert_allclose(
         middle, np.broadcast_to(np.hypot(0.02, expected), middle.shape), rtol=1e-3
     )
-
-
-def test_a_pixel_is_where_its_light_comes_from() -> None:
-    """The mean place of a blurred pixel is off by (S8): by direct integration."""
-    place, a = np.linspace(-12, 12, 200_001), 0.3
-    weight = np.exp(-(place**2) / 2 / (1 / 6) + a * place)
-    assert np.sum(place * weight) / np.sum(weight) == pytest.approx(a / 6, rel=1e-6)
 
 
 def test_uniform_light_adds_nothing_and_holes_stay() -> None:

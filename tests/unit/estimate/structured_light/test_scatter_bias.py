@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from procam.errors import NotEnoughData, ShapeError
+from procam.errors import NotEnoughData
 from procam.estimate.structured_light.scatter_bias import (
     flux_share_maps,
-    flux_shares,
     remove_phasor,
     remove_scatter_bias,
     scattered_light,
@@ -51,7 +50,6 @@ def biases(frames: np.ndarray, phase: np.ndarray) -> np.ndarray:
 
 def test_flux_is_measured_on_unlit_pixels(scene: dict[str, np.ndarray]) -> None:
     levels = scene["frames"], scene["white"], scene["black"], scene["lit"]
-    np.testing.assert_allclose(flux_shares(*levels), FLUX, rtol=1e-6)
     maps = flux_share_maps(*levels)
     np.testing.assert_allclose(maps, np.broadcast_to(FLUX[:, None, None], maps.shape), rtol=1e-5)
 
@@ -90,8 +88,4 @@ def test_lit_pixels_are_found_by_their_wave(scene: dict[str, np.ndarray]) -> Non
 def test_refusals(scene: dict[str, np.ndarray]) -> None:
     frames, white, black = scene["frames"], scene["white"], scene["black"]
     with pytest.raises(NotEnoughData, match="only 0 pixels of the screen have no direct light"):
-        flux_shares(frames, white, black, np.ones(SHAPE, bool))
-    with pytest.raises(ShapeError, match="photographs"):
-        flux_shares(frames, white, black, scene["lit"][1:])
-    with pytest.raises(ShapeError, match="flux shares"):
-        remove_phasor(frames, FLUX[1:], scene["scattered"])
+        flux_share_maps(frames, white, black, np.ones(SHAPE, bool))

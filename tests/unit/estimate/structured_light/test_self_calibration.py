@@ -100,13 +100,6 @@ def test_surplus_of_flux(waves: Waves) -> None:
         check_unbiased([c.surplus[i] - c.surplus.mean() for c in found], surplus[i], 3e-3)
 
 
-def test_ideal_pictures() -> None:
-    for known in runs(Pixels()):
-        assert known.distortion.blur_px2 < 0.15
-        assert abs(known.distortion.harmonic) < 1e-3
-        assert np.abs(known.surplus).max() < 3e-3
-
-
 @pytest.mark.parametrize(
     "law", [NoiseLaw(1.0, 0.02), NoiseLaw(4.0, 0.0), NoiseLaw(0.0, 0.05)], ids=str
 )

@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 
 from procam.errors import InputError
-from procam.estimate.structured_light.codes import AxisCode, Code, generate, make_code, wave_code
+from procam.estimate.structured_light.codes import AxisCode, Code, generate, make_code
 from procam.estimate.structured_light.consistency import probe_places
 from procam.estimate.structured_light.decode import Decoder
 from procam.estimate.structured_light.set_checks import SetReport, examine
 from simulators.photograph_bench import PhotographBench
 from simulators.presets import STANDARD
 from simulators.scene import DomeScene, SceneSize
+from studies.one_fringe import wave_code
 
 SIZE = (320, 200)
 CODES = ("micro-phase", "gray", "phase-heterodyne")
@@ -167,15 +168,6 @@ class TestOrder:
         names = f"{sound.names[first]} and {sound.names[second]}"
         assert verdict.notes == [f"{names}: in each other's place (wrong order); exchanged"]
 
-    def test_white_and_black_exchanged(self, sound: Shots) -> None:
-        white, black = sound.place("white"), sound.place("black")
-        verdict = sound.exchanged(white, black).examine()
-        assert verdict.order == [black, white, *sound.order[2:]]
-        names = f"{sound.names[white]} and {sound.names[black]}"
-        assert verdict.notes == [
-            f"{names}: white and black in each other's place (wrong order); exchanged"
-        ]
-
 
 class TestNumber:
     @pytest.mark.parametrize("numbered", [True, False])
@@ -287,31 +279,6 @@ class TestContent:
             gap = sound.place(words)
             left = [None if p == gap else p for p in sound.order]
             assert sound.coverage(left) > 0.97 * whole
-
-    def test_clipped_whites(self, sound: Shots) -> None:
-        top = np.uint16(4095)
-        clipped = [
-            np.minimum(2 * p.astype(np.uint32), top).astype(np.uint16) for p in sound.photographs
-        ]
-        verdict = sound.shown(clipped).examine()
-        white = sound.names[sound.place("white")]
-        share = re.fullmatch(
-            rf"{white}: white is clipped in (\d+)% of the lit pixels; expose shorter",
-            verdict.notes[0],
-        )
-        assert share is not None and int(share[1]) > 10
-        assert verdict.order == sound.order and len(verdict.notes) == 1
-
-    @pytest.mark.parametrize("words", ["white", "black"])
-    def test_a_stale_white_or_black(self, sound: Shots, words: str) -> None:
-        at = sound.place(words)
-        other = next(i for i in range(2, len(sound.sequence)) if abs(i - at) > 2)
-        with pytest.raises(InputError, match=rf"{sound.names[at]} should show {words}, but"):
-            sound.replaced(at, sound.photographs[other]).examine()
-
-    def test_the_same_picture_all_the_time(self, sound: Shots) -> None:
-        with pytest.raises(InputError, match=r"pictures: "):
-            sound.shown([sound.photographs[0]] * len(sound.sequence)).examine()
 
     def test_photographs_of_another_code(self, every: dict[str, Shots]) -> None:
         gray = every["gray"]

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from procam.estimate.structured_light.codes import Plane
 from procam.estimate.structured_light.limits import DecodeLimits
 from procam.estimate.structured_light.stripes import WIDEST_LOSS, StripeDecoder, column_table
-from procam.maths.codes.gray import bit_count, encode_gray
+from procam.maths.codes.gray import encode_gray
 
 LENGTH, ROWS = 40, 6
 
@@ -20,7 +20,7 @@ def gray(length: int) -> np.ndarray:
 def planes(codewords: np.ndarray) -> list[tuple[np.ndarray, np.ndarray, int]]:
     """Pattern (rows, columns) 0 or 1, inverse and bit."""
     shown = []
-    for bit in range(bit_count(len(codewords))):
+    for bit in range((len(codewords) - 1).bit_length()):
         line = np.tile(((codewords >> bit) & 1).astype(np.float32), (ROWS, 1))
         shown.append((line, 1 - line, bit))
     return shown
@@ -39,21 +39,10 @@ def test_a_missing_partner_is_what_white_and_black_leave(inverse: bool) -> None:
 
 
 class TestColumnTable:
-    @pytest.mark.parametrize("length", [2, 13, 300])
-    def test_all_planes_identify_every_column(self, length: int) -> None:
-        words = gray(length)
-        bits = bit_count(length)
-        column, sigma = column_table(words, set(range(bits)))
-        assert column.shape == sigma.shape == (2**bits,)
-        np.testing.assert_array_equal(column[words], np.arange(length))
-        np.testing.assert_allclose(sigma[words], 1 / np.sqrt(12))
-        others = np.setdiff1d(np.arange(2**bits), words)
-        assert np.isnan(column[others]).all() and np.isnan(sigma[others]).all()
-
     @given(length=st.integers(2, 120), data=st.data())
     def test_lost_planes_by_brute_force(self, length: int, data: st.DataObject) -> None:
         words = gray(length)
-        bits = bit_count(length)
+        bits = (length - 1).bit_length()
         folded = data.draw(st.sets(st.integers(0, bits - 1), min_size=max(0, bits - 3)))
         column, sigma = column_table(words, folded)
         mask = sum(1 << b for b in folded)
@@ -65,19 +54,6 @@ class TestColumnTable:
                 assert sigma[word] == pytest.approx(len(same) / np.sqrt(12))
             else:
                 assert np.isnan(column[word]) and np.isnan(sigma[word])
-
-    def test_fine_planes_of_the_gray_code_widen_the_place(self) -> None:
-        words = gray(1024)
-        column, sigma = column_table(words, set(range(2, 10)))
-        known = words & ~3
-        np.testing.assert_array_equal(column[known], np.arange(1024) // 4 * 4 + 1.5)
-        np.testing.assert_allclose(sigma[known], 4 / np.sqrt(12))
-
-    def test_a_lost_coarse_plane_leaves_nothing(self) -> None:
-        words = gray(1024)
-        column, _ = column_table(words, set(range(9)))
-        # but for the two columns on either side of the middle, whose other bits are alike
-        assert np.isfinite(column[words & 0x1FF]).sum() == 2
 
 
 class TestDecoder:
@@ -137,17 +113,6 @@ class TestDecoder:
     def test_without_bright_pixels_no_plane_is_left_out(self) -> None:
         """Light too faint to judge a plane by is still decoded."""
         assert all(self._add(self._decoder(contrast=100.0)))
-
-    @pytest.mark.parametrize("count", [1, 2, 3])
-    def test_any_number_of_pairs_may_have_come(self, count: int) -> None:
-        decoder = self._decoder()
-        for pattern, inverse, bit in planes(self.words)[::-1][:count]:
-            decoder.add_pair(10 + self.light * pattern, 10 + self.light * inverse, bit)
-        bits = set(range(6 - count, 6))
-        expected, _ = column_table(self.words, bits)
-        known = self.words & sum(1 << b for b in bits)
-        np.testing.assert_array_equal(decoder.result().x[0], expected[known])
-        assert decoder.certain().all()
 
 
 class TestFluxInterval:

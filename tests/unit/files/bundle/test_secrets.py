@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 import OpenImageIO as oiio
 import pytest
-from bundles import contents, relisted, take_session, write_zip
+from bundles import contents, relisted, take_session, write_bundle, write_zip
+from picture_files import write_with_header
 from venue_keys import EVERY_KEY, OF_SERVERS, PLANTED, keys_of, leaves, with_server
 
-from procam.files.bundle import open_bundle, read_manifest, write_bundle
+from procam.files.bundle.read import open_bundle, read_manifest
 from procam.files.session import Session
 from procam.files.toml import read_toml
 from procam.files.venue.load import load_venue
@@ -58,14 +59,9 @@ def _taken(tmp_path: Path, text: str) -> Session:
 
 def _write_named(path: Path, pixels: np.ndarray) -> None:
     """A picture whose header has every secret, and the place where it was taken."""
-    data = pixels if pixels.ndim == 3 else pixels[..., None]
-    spec = oiio.ImageSpec(data.shape[1], data.shape[0], data.shape[2], str(data.dtype))
-    for key in ("ImageDescription", "Artist", "HostComputer", "Exif:BodySerialNumber", "Copyright"):
-        spec.attribute(key, ALL)
-    spec.attribute("GPS:Latitude", "float[3]", (48.0, 8.0, 13.75))
+    keys = ("ImageDescription", "Artist", "HostComputer", "Exif__BodySerialNumber", "Copyright")
     path.unlink(missing_ok=True)
-    out = oiio.ImageOutput.create(str(path))
-    assert out.open(str(path), spec) and out.write_image(np.ascontiguousarray(data)) and out.close()
+    write_with_header(path, pixels, GPS__Latitude=(48.0, 8.0, 13.75), **dict.fromkeys(keys, ALL))
 
 
 def _plant_in_tables(session: Session) -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from procam.errors import FileFormatError, InputError
 from procam.files.images.movie_writer import new_movie
-from procam.files.images.movies import MovieFrame, MovieReader, is_movie
+from procam.files.images.movies import MovieFrame, MovieReader
 
 av = pytest.importorskip("av", reason="needs the extra `video`")
 SIZE, FRAMES = 32, 5
@@ -136,16 +136,6 @@ class TestReading:
             error = np.abs(rgb - colour_of(code, bits, full)).max()
             assert error <= (HALF_STEP * 1.02 if bits == 8 else SIXTEEN)
 
-    @pytest.mark.parametrize("layout", ["rgb24", "rgba", "rgb48le", "rgba64le"])
-    def test_rgb_comes_back_to_the_last_bit(self, tmp_path: Path, layout: str) -> None:
-        shots = lossless(tmp_path / "m.mkv", layout)
-        with MovieReader(tmp_path / "m.mkv") as reader:
-            assert (reader.size, reader.transfer, reader.layout) == ((SIZE, SIZE), "srgb", layout)
-            for frame, shot in zip(reader, shots, strict=True):
-                np.testing.assert_array_equal(frame.rgb, shot[..., :3])
-                if "a" in layout:
-                    np.testing.assert_array_equal(frame.alpha, shot[..., 3])
-
     @pytest.mark.parametrize(
         ("number", "name"), [(1, "bt1886"), (2, None), (4, "gamma2.2"), (8, "linear"), (16, None)]
     )
@@ -155,10 +145,6 @@ class TestReading:
         lossless(tmp_path / "m.mkv", color_trc=number)
         with MovieReader(tmp_path / "m.mkv") as reader:
             assert reader.transfer == name
-
-    def test_movies_are_known_by_their_suffix(self) -> None:
-        assert is_movie(Path("a.MOV")) and is_movie(Path("a.mkv"))
-        assert not is_movie(Path("a.exr"))
 
 
 class TestWriting:

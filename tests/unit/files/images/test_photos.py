@@ -3,8 +3,8 @@
 from pathlib import Path
 
 import numpy as np
-import OpenImageIO as oiio
 import pytest
+from picture_files import write_with_header
 
 from procam.errors import FileFormatError
 from procam.files.images.layers import write_channels
@@ -29,16 +29,6 @@ HEADER = {
 }
 
 
-def write(path: Path, pixels: np.ndarray, **header: object) -> Path:
-    spec = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], pixels.shape[2], str(pixels.dtype))
-    for key, value in header.items():
-        spec.attribute(key, value)
-    output = oiio.ImageOutput.create(str(path))
-    assert output.open(str(path), spec) and output.write_image(pixels)
-    output.close()
-    return path
-
-
 def ramp(dtype: type, top: int) -> np.ndarray:
     return np.linspace(0, top, 40 * 30 * 3).reshape(30, 40, 3).astype(dtype)
 
@@ -53,13 +43,15 @@ class TestReading:
 
     @pytest.mark.parametrize("suffix", ["tif", "png", "jpg"])
     def test_headers(self, tmp_path: Path, suffix: str) -> None:
-        path = write(tmp_path / f"a.{suffix}", ramp(np.uint8, 255), **HEADER)
+        path = write_with_header(tmp_path / f"a.{suffix}", ramp(np.uint8, 255), **HEADER)
         photo = read_photo(path)
         assert photo.exposure_s == pytest.approx(0.125)
         assert photo.aperture == pytest.approx(5.6, rel=1e-3)
         assert photo.taken_s is not None
         later = dict(HEADER, **{"Exif:DateTimeOriginal": "2026:01:02 03:05:05"})
-        other = read_photo(write(tmp_path / f"b.{suffix}", ramp(np.uint8, 255), **later))
+        other = read_photo(
+            write_with_header(tmp_path / f"b.{suffix}", ramp(np.uint8, 255), **later)
+        )
         assert other.taken_s == photo.taken_s + 60
 
     def test_no_header(self, tmp_path: Path) -> None:
@@ -74,7 +66,7 @@ class TestReading:
     def test_a_jpeg_cut_short(self, tmp_path: Path) -> None:
         # the reader itself would fill the rest with grey
         noise = np.random.default_rng(0).integers(0, 255, (200, 300, 3)).astype(np.uint8)
-        path = write(tmp_path / "a.jpg", noise)
+        path = write_with_header(tmp_path / "a.jpg", noise)
         read_photo(path)
         path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
         with pytest.raises(FileFormatError, match=r"a\.jpg is truncated"):
@@ -85,7 +77,7 @@ class TestReading:
         """The decoder goes on behind them, with all that follows displaced."""
         rng = np.random.default_rng(channels)
         noise = rng.normal(120, 30, (300, 400, channels)).clip(0, 255).astype(np.uint8)
-        path = write(tmp_path / "a.jpg", noise)
+        path = write_with_header(tmp_path / "a.jpg", noise)
         read_photo(path)
         data = path.read_bytes()
         for _ in range(20):
@@ -102,7 +94,7 @@ class TestReading:
         ],
     )
     def test_whole_jpegs_are_read(self, tmp_path: Path, pixels: np.ndarray, suffix: str) -> None:
-        path = write(tmp_path / f"a{suffix}", pixels)
+        path = write_with_header(tmp_path / f"a{suffix}", pixels)
         assert read_photo(path).pixels.shape == pixels.shape
         preview = path.read_bytes()
         path.write_bytes(preview + bytes(512) + preview)  # some cameras append previews

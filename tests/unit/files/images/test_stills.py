@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import OpenImageIO as oiio
 import pytest
+from picture_files import TYPES, spec_of, write_spec_as_is
 
 from procam.errors import FileFormatError
 from procam.files.images.pixels import write_image
 from procam.files.images.stills import read_still, write_still
 
-DTYPES = {"uint8": "uint8", "uint16": "uint16", "float16": "half", "float32": "float"}
 KEPT = [
     (".png", "uint8"),
     (".png", "uint16"),
@@ -29,22 +29,6 @@ def _pixels(dtype: str, channels: int = 3, size: int = 12) -> np.ndarray:
     if dtype.startswith("float"):
         return rng.random((size, size, channels)).astype(dtype)
     return rng.integers(0, np.iinfo(dtype).max + 1, (size, size, channels)).astype(dtype)
-
-
-def _write(path: Path, pixels: np.ndarray, spec: oiio.ImageSpec) -> Path:
-    output = oiio.ImageOutput.create(str(path))
-    assert output.open(str(path), spec), output.geterror()
-    assert output.write_image(np.ascontiguousarray(pixels)), output.geterror()
-    output.close()
-    return path
-
-
-def _spec(pixels: np.ndarray, **attributes: object) -> oiio.ImageSpec:
-    height, width, channels = pixels.shape
-    spec = oiio.ImageSpec(width, height, channels, DTYPES[str(pixels.dtype)])
-    for name, value in attributes.items():
-        spec.attribute(name.replace("__", ":"), value)
-    return spec
 
 
 def _raw(path: Path) -> tuple[np.ndarray, oiio.ImageSpec]:
@@ -76,11 +60,11 @@ class TestKept:
     @pytest.mark.parametrize(("suffix", "dtype"), KEPT)
     def test_type_and_values(self, tmp_path: Path, suffix: str, dtype: str) -> None:
         pixels = _pixels(dtype)
-        still = read_still(_write(tmp_path / f"a{suffix}", pixels, _spec(pixels)))
+        still = read_still(write_spec_as_is(tmp_path / f"a{suffix}", pixels, spec_of(pixels)))
         np.testing.assert_array_equal(still.rgb, pixels)
         write_still(tmp_path / f"b{suffix}", pixels[::-1], still, still.transfer or "")
         found, spec = _raw(tmp_path / f"b{suffix}")
-        assert str(spec.format) == DTYPES[dtype]
+        assert str(spec.format) == TYPES.get(dtype, dtype)
         np.testing.assert_array_equal(found, pixels[::-1])
 
     @pytest.mark.parametrize(("suffix", "dtype"), KEPT[:5])
@@ -88,7 +72,9 @@ class TestKept:
         self, tmp_path: Path, suffix: str, dtype: str
     ) -> None:
         pixels = _pixels(dtype, 4)
-        path = _write(tmp_path / f"a{suffix}", pixels, _spec(pixels, oiio__UnassociatedAlpha=1))
+        path = write_spec_as_is(
+            tmp_path / f"a{suffix}", pixels, spec_of(pixels, oiio__UnassociatedAlpha=1)
+        )
         still = read_still(path)
         np.testing.assert_array_equal(still.rgb, pixels[..., :3])
         new = pixels[::-1, ..., :3].copy()
@@ -100,10 +86,10 @@ class TestKept:
     def test_full_premultiplied_alpha_and_other_channels_pass(self, tmp_path: Path) -> None:
         pixels = _pixels("float16", 5)
         pixels[..., 3] = 1
-        spec = _spec(pixels)
+        spec = spec_of(pixels)
         spec.channelnames = ("R", "G", "B", "A", "depth.Z")
         spec.alpha_channel = 3
-        still = read_still(_write(tmp_path / "a.exr", pixels, spec))
+        still = read_still(write_spec_as_is(tmp_path / "a.exr", pixels, spec))
         write_still(tmp_path / "b.exr", pixels[::-1, ..., :3].copy(), still, "linear")
         again = read_still(tmp_path / "b.exr")
         np.testing.assert_array_equal(again.rgb, pixels[::-1, ..., :3])
@@ -114,12 +100,12 @@ class TestKept:
 
     def test_attributes_of_exr(self, tmp_path: Path) -> None:
         pixels = _pixels("float16")
-        spec = _spec(pixels, compression="piz", studio__take="planetarium", PixelAspectRatio=1.0)
+        spec = spec_of(pixels, compression="piz", studio__take="planetarium", PixelAspectRatio=1.0)
         rec709 = (0.64, 0.33, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329)
         spec.attribute("chromaticities", "float[8]", rec709)
         spec.attribute("smpte:TimeCode", "timecode", (0x01020304, 0))
         spec.attribute("FramesPerSecond", "rational", (24000, 1001))
-        still = read_still(_write(tmp_path / "a.exr", pixels, spec))
+        still = read_still(write_spec_as_is(tmp_path / "a.exr", pixels, spec))
         write_still(tmp_path / "b.exr", pixels, still, "linear")
         before = {a.name: a.value for a in _raw(tmp_path / "a.exr")[1].extra_attribs}
         after = {a.name: a.value for a in _raw(tmp_path / "b.exr")[1].extra_attribs}
@@ -130,11 +116,11 @@ class TestKept:
     @pytest.mark.parametrize("suffix", [".png", ".tif"])
     def test_tags(self, tmp_path: Path, suffix: str) -> None:
         pixels = _pixels("uint8")
-        spec = _spec(
+        spec = spec_of(
             pixels, ImageDescription="sky", Artist="me", XResolution=72.0, YResolution=36.0
         )
         spec.attribute("ResolutionUnit", "in")
-        still = read_still(_write(tmp_path / f"a{suffix}", pixels, spec))
+        still = read_still(write_spec_as_is(tmp_path / f"a{suffix}", pixels, spec))
         write_still(tmp_path / f"b{suffix}", pixels, still, "srgb")
         before = {a.name: a.value for a in _raw(tmp_path / f"a{suffix}")[1].extra_attribs}
         after = {a.name: a.value for a in _raw(tmp_path / f"b{suffix}")[1].extra_attribs}
@@ -146,8 +132,8 @@ class TestKept:
 
     def test_another_suffix_and_type_keep_the_common_attributes(self, tmp_path: Path) -> None:
         pixels = _pixels("uint8", 4)
-        spec = _spec(pixels, ImageDescription="sky", oiio__UnassociatedAlpha=1)
-        still = read_still(_write(tmp_path / "a.tif", pixels, spec))
+        spec = spec_of(pixels, ImageDescription="sky", oiio__UnassociatedAlpha=1)
+        still = read_still(write_spec_as_is(tmp_path / "a.tif", pixels, spec))
         write_still(tmp_path / "b.exr", pixels[..., :3] / np.float32(255), still, "linear")
         found, spec = _raw(tmp_path / "b.exr")
         np.testing.assert_allclose(found, pixels / 255, atol=1e-7)
@@ -159,10 +145,10 @@ class TestKept:
     @pytest.mark.parametrize(("x", "y"), [(3, 2), (-2, -1), (0, 0), (50, 0)])
     def test_a_data_window_is_put_in_its_place(self, tmp_path: Path, x: int, y: int) -> None:
         pixels = _pixels("float16", size=12)
-        spec = _spec(pixels)
+        spec = spec_of(pixels)
         spec.x, spec.y = x, y
         spec.full_x, spec.full_y, spec.full_width, spec.full_height = 0, 0, 16, 16
-        still = read_still(_write(tmp_path / "a.exr", pixels, spec))
+        still = read_still(write_spec_as_is(tmp_path / "a.exr", pixels, spec))
         canvas = np.zeros((120, 120, 3), np.float16)
         canvas[40 + y : 52 + y, 40 + x : 52 + x] = pixels
         np.testing.assert_array_equal(still.rgb, canvas[40:56, 40:56])
@@ -204,7 +190,7 @@ class TestRefused:
         pixels = _pixels(dtype, 4)
         pixels[..., 3] = 1 if suffix == ".exr" else 255
         pixels[2, 3:5, 3] = 0
-        path = _write(tmp_path / f"a{suffix}", pixels, _spec(pixels))
+        path = write_spec_as_is(tmp_path / f"a{suffix}", pixels, spec_of(pixels))
         with pytest.raises(
             FileFormatError, match="premultiplied alpha below 1 in 2 pixels"
         ) as caught:
@@ -212,7 +198,9 @@ class TestRefused:
         assert "unpremultiply or flatten it" in str(caught.value)
 
     def test_several_pictures_in_one_file(self, tmp_path: Path) -> None:
-        specs = [_spec(_pixels("float32"), **{"oiio__subimagename": n}) for n in ("left", "right")]
+        specs = [
+            spec_of(_pixels("float32"), **{"oiio__subimagename": n}) for n in ("left", "right")
+        ]
         output = oiio.ImageOutput.create(str(tmp_path / "a.exr"))
         assert output.open(str(tmp_path / "a.exr"), tuple(specs))
         output.write_image(_pixels("float32"))

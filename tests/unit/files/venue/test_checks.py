@@ -62,11 +62,6 @@ CLASHES = {
         "cameras.zenith.f",
         ["is [4.65, 4.65]", "80..80000 px", "0.05 to 50 widths", "not millimetres"],
     ),
-    "focal length of a telescope": (
-        (FOCAL, "f = [465.0, 80001.0]"),
-        "cameras.zenith.f",
-        ["80..80000 px"],
-    ),
     "focal lengths of two lenses": (
         (FOCAL, "f = [465.0, 931.0]"),
         "cameras.zenith.f",
@@ -87,11 +82,6 @@ CLASHES = {
         "projectors.Dome",
         ["needs for a map of the dome", "rename it"],
     ),
-    "projector with the name of a state's map": (
-        ("[projectors.south]", "[projectors.state-open]"),
-        "projectors.state-open",
-        ["needs for a map of the dome", "rename it"],
-    ),
     "half angle in radians": (
         ("half_angle_deg = 90.0", "half_angle_deg = 1.57"),
         "fiducials.front.elevation_deg",
@@ -105,11 +95,6 @@ CLASHES = {
     "fiducial with a camera's name": (
         ('name = "left"', 'name = "zenith"'),
         "fiducials.zenith",
-        ["has the name of a camera or projector", "rename it"],
-    ),
-    "fiducial with a projector's name": (
-        ('name = "left"', 'name = "south"'),
-        "fiducials.south",
         ["has the name of a camera or projector", "rename it"],
     ),
     "fiducials of one name elsewhere": (

@@ -64,16 +64,6 @@ class TestPolygons:
                         crossings += x0 + (row - y0) * (x1 - x0) / (y1 - y0) <= column
                 assert inside[row, column] == (crossings % 2 == 1)
 
-    def test_neighbours_share_no_pixel_and_leave_none(self) -> None:
-        left = polygon_pixels(np.array([(-1, -1), (4, -1), (4, 9), (-1, 9)]), (10, 8))
-        right = polygon_pixels(np.array([(4, -1), (11, -1), (11, 9), (4, 9)]), (10, 8))
-        assert (left ^ right).all()
-
-    def test_a_hole_where_edges_cross(self) -> None:
-        star = np.array([(10, 0), (16, 19), (0, 7), (20, 7), (4, 19)], float)
-        inside = polygon_pixels(star, (21, 20))
-        assert not inside[10, 10] and inside[5, 10]
-
 
 class TestVenue:
     def test_masks_of_devices(self, tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from procam.interfaces.cli._demo_text import COLUMNS, result_lines
+from procam.interfaces.cli.demo import COLUMNS, result_lines
 from procam.model.quality import Figure, Goal
 
 FIGURES = {

@@ -41,10 +41,11 @@ def test_photographs_of_files_and_folders(tmp_path: Path) -> None:
     for name in ("b.png", "a.png", "notes.txt"):
         (tmp_path / name).touch()
     single = tmp_path / "notes.txt"
-    assert [p.name for p in photographs([single, tmp_path])] == ["notes.txt", "a.png", "b.png"]
+    assert photographs(single) == [single]
+    assert [p.name for p in photographs(tmp_path)] == ["a.png", "b.png"]
     (tmp_path / "empty").mkdir()
     with pytest.raises(FileFormatError, match="no photographs here"):
-        photographs([tmp_path / "empty"])
+        photographs(tmp_path / "empty")
 
 
 class TestReadGrey:

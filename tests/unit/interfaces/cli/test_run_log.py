@@ -7,7 +7,7 @@ import pytest
 from tiny_venue import TINY, make_venue, procam, quick_simulator
 
 from procam.interfaces.cli import main
-from procam.interfaces.cli._run_log import RunLog, end_log
+from procam.interfaces.cli._output import RunLog, end_log
 
 
 @pytest.fixture

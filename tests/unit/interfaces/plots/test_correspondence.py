@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from procam.interfaces.plots.correspondence import LINES, UNKNOWN, draw_map
+from procam.interfaces.cli.decode import HOLE, LINES, draw_map
 from procam.model.correspondence import CorrespondenceMap
 
 SIZE = (320, 200)
@@ -24,7 +24,7 @@ def straight() -> CorrespondenceMap:
 def test_holes_are_dark_grey_and_nothing_else_is(straight: CorrespondenceMap) -> None:
     picture = draw_map(straight, SIZE)
     assert (picture.shape, picture.dtype) == ((100, 160, 3), np.uint8)
-    hole = (picture == UNKNOWN).all(axis=-1)
+    hole = (picture == HOLE).all(axis=-1)
     np.testing.assert_array_equal(hole, ~straight.valid)
 
 
@@ -64,4 +64,4 @@ def test_places_beyond_the_panel_stay_in_range() -> None:
 
 def test_a_map_of_nothing() -> None:
     xy = np.full((4, 5, 2), np.nan, np.float32)
-    assert (draw_map(CorrespondenceMap(xy, xy, np.zeros((4, 5), bool)), SIZE) == UNKNOWN).all()
+    assert (draw_map(CorrespondenceMap(xy, xy, np.zeros((4, 5), bool)), SIZE) == HOLE).all()

@@ -1,6 +1,5 @@
 """The report's cover, acceptance table, drift and signatures; the operators' sheet."""
 
-import json
 import re
 from dataclasses import replace
 from html import unescape
@@ -8,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from edited_files import edited_json
 from venue_texts import PLAIN
 
 from procam.errors import FileFormatError, InputError
@@ -162,15 +162,6 @@ class TestDrift:
         assert "no calibration of an earlier capture" in _section(_page(venue), "drift")
 
 
-def test_there_is_room_to_sign(venue: Path) -> None:
-    signatures = _section(_page(venue), "signatures")
-    assert "calibration 0001 of Sky" in signatures
-    for who in ("installer", "client"):
-        assert f"For the {who}" in signatures
-    for line in ("Name", "Date", "Signature"):
-        assert signatures.count(f"<span>{line}</span>") == 2
-
-
 class TestSheet:
     def test_it_has_the_commands_of_the_venue(self, venue: Path, calibration: Calibration) -> None:
         _again(venue, calibration, "0002", 0.36)
@@ -210,9 +201,7 @@ class TestSheet:
 
 
 def test_lists_of_the_provenance_are_text(venue: Path) -> None:
-    path = venue / "calibrations/0001/calibration.json"
-    document = json.loads(path.read_text())
-    document["provenance"] |= {"backends": ["camera-a", "player"], "notes": []}
-    path.write_text(json.dumps(document))
+    with edited_json(venue / "calibrations/0001/calibration.json") as document:
+        document["provenance"] |= {"backends": ["camera-a", "player"], "notes": []}
     origin = _section(_page(venue), "provenance")
     assert "<dd>camera-a, player</dd>" in origin and "<dt>Notes</dt>" not in origin

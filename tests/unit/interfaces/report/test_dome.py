@@ -8,7 +8,7 @@ import numpy as np
 
 from procam.files.calibration import save_calibration
 from procam.files.versions import next_directory
-from procam.interfaces.report import dome, write_report
+from procam.interfaces.report import dome
 from procam.interfaces.report.blocks import Table
 from procam.interfaces.report.data import read_material
 from procam.model.calibration import Calibration
@@ -56,9 +56,3 @@ def test_each_state_has_its_row(tmp_path: Path, calibration: Calibration) -> Non
 def test_without_states_there_is_no_such_table(tmp_path: Path, calibration: Calibration) -> None:
     tables = _tables(_saved(tmp_path, [calibration]))
     assert not any("Venue state" in table.head for table in tables)
-
-
-def test_the_page_shows_it(tmp_path: Path, calibration: Calibration) -> None:
-    page = write_report(_saved(tmp_path, [_with_states(calibration)])).read_text("utf-8")
-    assert "The room&#39;s own light" in page or "The room's own light" in page
-    assert "0.3400 (0.3302 to 0.3498)" in page

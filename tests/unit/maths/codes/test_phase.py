@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from scipy.stats import chi2
-from tolerances import CLOSED_FORM, SIGMAS, SOLVER
+from tolerances import SIGMAS, SOLVER
 
 from procam.maths.codes.phase import (
     HETERODYNE_PERIODS,
@@ -18,7 +18,6 @@ from procam.maths.codes.phase import (
     period_scale,
     search_columns,
     shared_sensitivity,
-    sine_line,
 )
 
 SIZE = (960, 600)
@@ -56,18 +55,6 @@ class TestCodes:
         for periods in (MICRO_PERIODS, HETERODYNE_PERIODS):
             assert min(periods) / 3 > 16
 
-    def test_micro_is_eight_pictures_three_of_one_period(self) -> None:
-        assert (len(MICRO.periods), MICRO.base, MICRO.single) == (8, 3, False)
-        assert np.ptp(MICRO.periods[:3]) == 0
-        np.testing.assert_allclose(np.diff(MICRO.shifts[:3]), 2 * np.pi / 3)
-        np.testing.assert_allclose(MICRO.periods[[0, 3, 4, 5, 6, 7]], np.array(MICRO_PERIODS) / 2)
-
-    def test_heterodyne_is_three_sets_of_equal_steps(self) -> None:
-        waves = heterodyne_waves(SIZE)
-        assert (len(waves.periods), waves.base, waves.single) == (12, 4, False)
-        np.testing.assert_allclose(waves.shifts, np.tile(equal_steps(4), 3))
-        np.testing.assert_allclose(waves.periods[::4], np.array(HETERODYNE_PERIODS) / 2)
-
     @pytest.mark.parametrize("size", [(320, 200), (1920, 1200), (3840, 2160)])
     @pytest.mark.parametrize("make", [micro_waves, heterodyne_waves])
     def test_no_two_columns_have_similar_samples(self, make: object, size: tuple[int, int]) -> None:
@@ -84,20 +71,6 @@ class TestCodes:
                 nearest = min(nearest, np.linalg.norm(other - seen[: len(other)], axis=1).min())
         assert nearest > 0.7
 
-    def test_a_line_is_the_wave_between_0_and_1(self) -> None:
-        line = sine_line(40, 10.0, np.pi / 2)
-        x = np.arange(40)
-        np.testing.assert_allclose(line, 0.5 + 0.5 * np.sin(2 * np.pi * x / 10), atol=CLOSED_FORM)
-        assert line.min() >= 0 and line.max() <= 1
-
-    def test_pictures_can_be_left_out(self) -> None:
-        keep = np.ones(8, bool)
-        keep[[1, 6]] = False
-        left = MICRO.kept(keep)
-        assert left.base == 2
-        np.testing.assert_array_equal(left.periods, MICRO.periods[keep])
-        np.testing.assert_array_equal(left.shifts, MICRO.shifts[keep])
-
 
 class TestDistortion:
     def test_blur_is_the_transfer_of_a_gaussian(self) -> None:
@@ -112,11 +85,6 @@ class TestDistortion:
         second = weight @ np.cos(2 * angle)
         np.testing.assert_allclose(distortion.harmonics(MICRO), 0.06 * second / first[0], rtol=1e-9)
 
-    def test_without_blur_the_waves_are_unchanged(self) -> None:
-        assert WaveDistortion().depth(MICRO) == 1
-        assert (WaveDistortion().modulation(MICRO) == 1).all()
-        assert (WaveDistortion().harmonics(MICRO) == 0).all()
-
 
 class TestFit:
     @pytest.mark.parametrize("distortion", [WaveDistortion(), DISTORTION], ids=["sharp", "blurred"])
@@ -126,8 +94,7 @@ class TestFit:
         x = columns(rng, 300)
         offset = rng.uniform(90, 200, 300)
         samples = photograph(MICRO, distortion, x, offset, 70.0)
-        keep = np.ones(samples.shape, bool)
-        fit = fit_waves(samples, keep, MICRO, distortion, x + rng.uniform(-1, 1, 300))
+        fit = fit_waves(samples, MICRO, distortion, x + rng.uniform(-1, 1, 300))
         np.testing.assert_allclose(fit.x, x, atol=SOLVER)
         # three steps from a pixel away leave a small error
         np.testing.assert_allclose(fit.offset, offset, rtol=1e-6)
@@ -136,43 +103,28 @@ class TestFit:
 
     @pytest.mark.parametrize("lost", [(1, 4), (0, 1, 2)])
     @pytest.mark.parametrize("waves", [MICRO, heterodyne_waves(SIZE)], ids=["micro", "heterodyne"])
-    def test_missing_samples_do_not_count(
+    def test_fewer_samples_are_less_certain(
         self, rng: np.random.Generator, lost: tuple[int, ...], waves: Waves
     ) -> None:
         x = columns(rng, 200)
         samples = photograph(waves, DISTORTION, x, 120.0, 60.0)
-        keep = np.ones(samples.shape, bool)
-        keep[:100, lost] = False
-        samples[~keep] = 9e9
-        fit, margin = search_columns(samples, keep, waves, DISTORTION, SIZE[0])
+        keep = ~np.isin(np.arange(samples.shape[1]), lost)
+        whole, _ = search_columns(samples, waves, DISTORTION, SIZE[0])
+        fit, margin = search_columns(samples[:, keep], waves.kept(keep), DISTORTION, SIZE[0])
         np.testing.assert_allclose(fit.x, x, atol=1e-5)
-        np.testing.assert_allclose(fit.amplitude, 60, rtol=1e-6)
         assert (margin > 0).all()
-        # fewer samples are less certain
-        assert fit.variance[:100].mean() > fit.variance[100:].mean()
-
-    @pytest.mark.parametrize("distortion", [WaveDistortion(), WaveDistortion(4.0, -0.05)])
-    def test_search_finds_any_column(
-        self, rng: np.random.Generator, distortion: WaveDistortion
-    ) -> None:
-        x = np.r_[0.0, SIZE[0] - 1, columns(rng, 200)]
-        samples = photograph(MICRO, distortion, x, 100.0, 50.0)
-        keep = np.ones(samples.shape, bool)
-        fit, margin = search_columns(samples, keep, MICRO, distortion, SIZE[0])
-        np.testing.assert_allclose(fit.x, x, atol=1e-4)
-        assert (margin > 0.1 * 50.0**2).all()
+        assert fit.variance.mean() > whole.variance.mean()
 
     def test_margin_is_how_much_worse_the_runner_up_fits(self, rng: np.random.Generator) -> None:
         """Against all columns in steps of 0.02 px."""
         samples = photograph(MICRO, DISTORTION, columns(rng, 40), 100.0, 50.0)
         samples += rng.normal(0, 2, samples.shape)
-        keep = rng.random(samples.shape) < 0.9
-        fit, margin = search_columns(samples, keep, MICRO, DISTORTION, SIZE[0])
+        fit, margin = search_columns(samples, MICRO, DISTORTION, SIZE[0])
         grid = np.arange(-0.5, SIZE[0], 0.02)
         curve = photograph(MICRO, DISTORTION, grid, 0.0, 1.0)
         for i in range(40):
-            wave = curve[:, keep[i]] - curve[:, keep[i]].mean(axis=1, keepdims=True)
-            seen = samples[i, keep[i]] - samples[i, keep[i]].mean()
+            wave = curve - curve.mean(axis=1, keepdims=True)
+            seen = samples[i] - samples[i].mean()
             amplitude = np.maximum(wave @ seen, 0) / np.sum(wave**2, axis=1)
             left = np.sum((seen - amplitude[:, None] * wave) ** 2, axis=1)
             best = int(np.argmin(left))
@@ -191,9 +143,8 @@ class TestFit:
         """With five samples many columns fit; half a pixel off, the right one fits badly."""
         x = columns(rng, 2000)
         samples = photograph(MICRO, DISTORTION, x, 120.0, 60.0) + rng.normal(0, noise, (2000, 8))
-        keep = np.ones(samples.shape, bool)
-        keep[:, lost] = False
-        fit, margin = search_columns(samples, keep, MICRO, DISTORTION, SIZE[0])
+        keep = ~np.isin(np.arange(8), lost)
+        fit, margin = search_columns(samples[:, keep], MICRO.kept(keep), DISTORTION, SIZE[0])
         trusted = margin > 12 * noise**2
         assert trusted.mean() > 0.5
         assert np.mean(np.abs(fit.x - x)[trusted] > 1) <= 1e-3
@@ -202,7 +153,7 @@ class TestFit:
     def test_a_panel_of_less_than_a_period(self, rng: np.random.Generator, length: int) -> None:
         x = rng.uniform(0, length - 1, 100)
         samples = photograph(MICRO, DISTORTION, x, 100.0, 50.0)
-        fit, margin = search_columns(samples, np.ones((100, 8), bool), MICRO, DISTORTION, length)
+        fit, margin = search_columns(samples, MICRO, DISTORTION, length)
         np.testing.assert_allclose(fit.x, x, atol=1e-4)
         assert (margin > 0).all()
 
@@ -210,9 +161,8 @@ class TestFit:
         waves = Waves(np.full(6, 30.0), equal_steps(6), 6)
         x = columns(rng, 100)
         samples = photograph(waves, WaveDistortion(), x, 100.0, 50.0)
-        keep = np.ones(samples.shape, bool)
-        keep[:, 2] = False
-        fit, margin = search_columns(samples, keep, waves, WaveDistortion(), SIZE[0])
+        keep = np.arange(6) != 2
+        fit, margin = search_columns(samples[:, keep], waves.kept(keep), WaveDistortion(), SIZE[0])
         turns = (fit.x - x) / 30
         np.testing.assert_allclose(turns, np.rint(turns), atol=1e-6)
         assert np.isposinf(margin).all()
@@ -233,9 +183,8 @@ class TestNoise:
         x = np.repeat(places, self.times)
         samples = photograph(waves, distortion, x, 120.0, self.amplitude)
         samples += rng.normal(0, self.noise, samples.shape)
-        keep = np.ones(samples.shape, bool)
-        keep[:, lost] = False
-        fit = fit_waves(samples, keep, waves, distortion, x)
+        keep = ~np.isin(np.arange(samples.shape[1]), lost)
+        fit = fit_waves(samples[:, keep], waves.kept(keep), distortion, x)
         shape = self.places, self.times
         return places, (fit.x - x).reshape(shape), (self.noise**2 * fit.variance).reshape(shape)
 
@@ -288,8 +237,7 @@ class TestSharedSensitivity:
         x = columns(rng, 30)
         scattered = rng.uniform(0, 80, 30)
         samples = photograph(MICRO, DISTORTION, x, 120.0, 60.0) + rng.normal(0, 0.01, (30, 8))
-        keep = np.ones(samples.shape, bool)
-        fit = fit_waves(samples, keep, MICRO, DISTORTION, x)
+        fit = fit_waves(samples, MICRO, DISTORTION, x)
         left, by_distortion, basis = shared_sensitivity(samples, MICRO, DISTORTION, fit)
         own = np.einsum("bnk,bnl->nkl", basis, basis)
         by_flux = scattered[:, None, None] * (np.eye(8) - own)
@@ -310,7 +258,7 @@ class TestSharedSensitivity:
                     )
                 else:
                     seen = samples - sign * step * scattered[:, None] * np.eye(8)[i - 2]
-                again = fit_waves(seen, keep, MICRO, distortion, fit.x)
+                again = fit_waves(seen, MICRO, distortion, fit.x)
                 model = photograph(MICRO, distortion, again.x, again.offset, 1.0)
                 model += (again.amplitude - 1)[:, None] * photograph(
                     MICRO, distortion, again.x, 0.0, 1.0

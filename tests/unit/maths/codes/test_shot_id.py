@@ -61,11 +61,6 @@ def photograph(
 
 
 class TestReading:
-    def test_ids_of_the_whole_range(self, rng: np.random.Generator) -> None:
-        for number in (*range(0, SHOT_ID_COUNT, 20), SHOT_ID_COUNT - 1):
-            drawn = draw_shot_id(BACKGROUNDS[number % len(BACKGROUNDS)], number)
-            assert read_shot_id(photograph(drawn, rng, turn_deg=37.0 * number)) == number
-
     @given(
         number=st.integers(0, SHOT_ID_COUNT - 1),
         background=st.integers(0, len(BACKGROUNDS) - 1),

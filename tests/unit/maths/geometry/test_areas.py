@@ -4,15 +4,14 @@ import numpy as np
 import pytest
 from numpy.polynomial.legendre import leggauss
 
-from procam.maths.geometry.areas import BLOCK, panel_areas, panel_solid_angles, quad_areas
+from procam.maths.geometry.areas import BLOCK, panel_solid_angles
 from procam.maths.geometry.lenses import Lens, unproject
 from procam.maths.geometry.sphere import (
-    cap_solid_angle,
     direction_from_angles,
-    grid_solid_angles,
     intersect_sphere,
     normalise,
 )
+from simulators.solid_angles import grid_solid_angles
 
 RADIUS_M = 6.0
 PLACE = np.array([-3.0, 2.0, 0.3])
@@ -65,20 +64,6 @@ class TestSolidAngles:
         assert np.abs(found / truth - 1).max() < 1e-5
         assert found.sum() == pytest.approx(truth.sum(), rel=1e-6)
 
-    def test_a_footprint_that_is_a_cap_has_its_area(self) -> None:
-        """A panel of rings seen from a projector on the axis, 2 m below the centre."""
-        size = (4096, 60)
-
-        def directions(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-            azimuth = (x + 0.5) * 2 * np.pi / size[0]
-            polar = (y + 0.5) * np.radians(50) / size[1]
-            rays = direction_from_angles(*np.meshgrid(azimuth, np.pi / 2 - polar))
-            return normalise(intersect_sphere(np.array([0.0, 0, -2]), rays, RADIUS_M))
-
-        rim = directions(np.array([7.0]), np.array([size[1] - 0.5]))[0, 0]
-        found = panel_solid_angles(size, directions)
-        assert found.sum() == pytest.approx(cap_solid_angle(np.arccos(rim[2])), rel=1e-6)
-
     def test_corners_are_asked_for_a_few_rows_at_a_time(self) -> None:
         asked = []
 
@@ -98,31 +83,3 @@ class TestSolidAngles:
             return direction_from_angles(*np.meshgrid(x * 1e-5, y * 0.1))
 
         assert panel_solid_angles((BLOCK + 3, 2), directions).shape == (2, BLOCK + 3)
-
-
-class TestAreas:
-    def test_of_a_flat_wall_are_exact(self) -> None:
-        def wall(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-            pixels = np.stack(np.meshgrid(x, y), axis=-1)
-            rays = unproject(pixels, lens((40, 30)))
-            return rays * 3 / rays[..., 2:]
-
-        focal = lens((40, 30)).focal[0]
-        np.testing.assert_allclose(panel_areas((40, 30), wall), (3 / focal) ** 2, rtol=1e-12)
-
-    def test_of_a_sphere_lack_the_bulge_only(self) -> None:
-        found = panel_areas(SIZE, lambda x, y: points_at(SIZE, x, y))
-        truth = quadrature(SIZE) * RADIUS_M**2
-        assert np.abs(found / truth - 1).max() < 1e-5
-
-    def test_blocks_are_one_grid(self) -> None:
-        size = (2000, 70)
-        x, y = np.arange(2001) - 0.5, np.arange(71) - 0.5
-        found = panel_areas(size, lambda x, y: points_at(size, x, y))
-        np.testing.assert_allclose(found, quad_areas(points_at(size, x, y)), rtol=1e-12)
-
-    def test_nan_corners_give_nan(self) -> None:
-        corners = np.stack([*np.meshgrid(np.arange(4.0), np.arange(3.0)), np.zeros((3, 4))], -1)
-        corners[1, 1, 2] = np.nan
-        expected = [[np.nan, np.nan, 1], [np.nan, np.nan, 1]]
-        np.testing.assert_array_equal(quad_areas(corners), expected)

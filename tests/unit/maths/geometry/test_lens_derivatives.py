@@ -6,8 +6,13 @@ import numpy as np
 import pytest
 
 from procam.kernels.bundle.lenses import ray_slopes
-from procam.maths.geometry.lens_derivatives import lens_parameters, project_with_derivatives
-from procam.maths.geometry.lenses import Lens, project, unproject
+from procam.maths.geometry.lenses import (
+    Lens,
+    lens_parameters,
+    project,
+    project_with_derivatives,
+    unproject,
+)
 
 LENSES = {
     "brown": Lens(

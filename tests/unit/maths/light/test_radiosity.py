@@ -18,7 +18,6 @@ from procam.maths.light.radiosity import (
     remove_interreflection,
     sphere_scatter,
 )
-from studies.closed_forms import remove_interreflection_paper
 
 counts = st.integers(1, 40)
 seeds = st.integers(0, 2**31)
@@ -34,22 +33,6 @@ def test_removing_undoes_adding(patches: int, seed: int) -> None:
     direct, u, a = _scene(patches, seed)
     total = add_interreflection(direct, u, a)
     np.testing.assert_allclose(remove_interreflection(total, u, a), direct, atol=SOLVER)
-
-
-@given(patches=counts, seed=seeds)
-def test_adding_undoes_removing(patches: int, seed: int) -> None:
-    total, u, a = _scene(patches, seed)
-    direct = remove_interreflection(total, u, a)
-    np.testing.assert_allclose(add_interreflection(direct, u, a), total, atol=SOLVER)
-
-
-@given(patches=counts, seed=seeds)
-def test_light_adds_up(patches: int, seed: int) -> None:
-    first, u, a = _scene(patches, seed)
-    second = first[::-1] ** 2
-    both = add_interreflection(first + 3 * second, u, a)
-    parts = add_interreflection(first, u, a) + 3 * add_interreflection(second, u, a)
-    np.testing.assert_allclose(both, parts, rtol=1e-10)
 
 
 def test_channels_do_not_mix() -> None:
@@ -95,14 +78,6 @@ def test_light_that_no_sphere_scatters_is_refused(
 ) -> None:
     with pytest.raises(InputError, match=words):
         sphere_scatter(np.full((4, 1), albedo), np.full(4, areas), returned)
-
-
-def test_paper_equation_12_to_the_letter() -> None:
-    total, a = np.array([[1.0], [2.0]]), np.array([0.1, 0.3])
-    found = remove_interreflection_paper(total, np.array([[0.5], [0.4]]), a)
-    dot = 0.1 * 1 + 0.3 * 2
-    expected = [[1 - 0.5 * dot / (4 * np.pi)], [2 - 0.4 * dot / (4 * np.pi)]]
-    np.testing.assert_allclose(found, expected, rtol=CLOSED_FORM)
 
 
 class TestFloorReturn:

@@ -62,15 +62,3 @@ def test_triangles_of_a_corner_add_up() -> None:
 
 def test_far_apart_it_is_the_kernel() -> None:
     assert _between(SQUARE, _facing(50.0)) == pytest.approx(1 / (np.pi * 50.0**2), rel=1e-3)
-
-
-def test_reciprocity(rng: np.random.Generator) -> None:
-    """Over random triangles that face each other."""
-    low = rng.uniform(0, 1, (50, 3, 3)) * [1, 1, 0.05]
-    high = rng.uniform(0, 1, (50, 3, 3)) * [1, 1, 0.05] + [0, 0, 1]
-    for some, up in ((low, 1), (high, -1)):
-        turn = np.cross(some[:, 1] - some[:, 0], some[:, 2] - some[:, 0])[:, 2] * up < 0
-        some[turn] = some[turn][:, ::-1]
-    np.testing.assert_allclose(
-        exchange_areas(low, high), exchange_areas(high, low), rtol=1e-4, atol=1e-8
-    )

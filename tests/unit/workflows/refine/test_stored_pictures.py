@@ -12,8 +12,8 @@ from procam.workflows.refine.stored_pictures import read_frames, read_square, wr
 
 def test_frames_are_stored_with_16_bits(tmp_path: Path) -> None:
     frame = np.array([[[0.0, 0.5, 1.0]]], np.float32)
-    [path] = write_frames({"north": frame}, tmp_path)
-    stored = read_image(path)
+    write_frames({"north": frame}, tmp_path)
+    stored = read_image(tmp_path / "north.png")
     assert stored.dtype == np.uint16
     assert stored.ravel().tolist() in ([0, 32767, 65535], [0, 32768, 65535])
     np.testing.assert_allclose(read_frames(tmp_path)["north"], frame, atol=0.5 / 65535)

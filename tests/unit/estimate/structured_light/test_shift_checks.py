@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from procam.estimate.structured_light.phase_checks import phases_apart_deg, phases_note
+from procam.estimate.structured_light.shift_checks import phases_apart_deg, phases_note
 from procam.maths.codes.phase import Waves, equal_steps
 
 LENGTH = 192

@@ -9,8 +9,8 @@ import pytest
 
 from procam.files.calibration import save_calibration
 from procam.files.versions import next_directory
-from procam.interfaces.report.changes import gain_change
 from procam.interfaces.report.data import read_material
+from procam.interfaces.report.light import gain_change
 from procam.model.calibration import Calibration
 from procam.model.venue_state import VenueState
 
