@@ -17,19 +17,34 @@ def replacing(path: Path) -> Iterator[Path]:
     """Yield a temporary name beside `path`, renamed to `path` when the block ends without an error.
 
     A reader of `path` finds the old file or the complete new one, also after a power cut. Of a library that
-    writes the temporary file and ignores errors, ask `require_room`.
+    writes the temporary file and ignores errors, ask `require_room`. Of two processes that write one file at
+    once, either's is kept.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.tmp{path.suffix}")
+    temporary, before = path.with_name(f".{path.name}.tmp{path.suffix}"), _inode(path)
     try:
         with _named(path, temporary):
             temporary.unlink(missing_ok=True)  # of a killed run, or a link that leads elsewhere
             yield temporary
-            flush(temporary)
-        temporary.replace(path)
+            _put_in_place(temporary, path, before)
         flush(path.parent)
-    finally:
+    except BaseException:
         temporary.unlink(missing_ok=True)
+        raise
+
+
+def _put_in_place(temporary: Path, path: Path, before: int | None) -> None:
+    """Flush and rename, unless another process has renamed this file, or its own, since."""
+    try:
+        flush(temporary)
+        temporary.replace(path)
+    except FileNotFoundError:
+        if _inode(path) in (None, before):
+            raise
+
+
+def _inode(path: Path) -> int | None:
+    return path.stat().st_ino if path.exists() else None
 
 
 def require_room(path: Path) -> None:

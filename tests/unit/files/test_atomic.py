@@ -26,6 +26,26 @@ class TestReplacing:
         assert path.read_text() == "new"
         assert _listing(path.parent) == ["file.json"]
 
+    @pytest.mark.parametrize("old", [None, "old"])
+    def test_of_two_writers_at_once_one_is_kept(self, tmp_path: Path, old: str | None) -> None:
+        path = tmp_path / "0031.png"
+        if old:
+            path.write_text(old)
+        with atomic.replacing(path) as one:
+            one.write_text("whole")
+            with atomic.replacing(path) as other:
+                other.write_text("whole")
+        assert path.read_text() == "whole"
+        assert _listing(tmp_path) == ["0031.png"]
+
+    def test_a_temporary_file_that_vanishes_is_an_error(self, tmp_path: Path) -> None:
+        path = tmp_path / "file.json"
+        path.write_text("old")
+        with pytest.raises(FileNotFoundError), atomic.replacing(path) as temporary:
+            temporary.write_text("new")
+            temporary.unlink()
+        assert path.read_text() == "old"
+
     def test_an_exception_leaves_the_old_file_and_nothing_else(self, tmp_path: Path) -> None:
         path = tmp_path / "file.json"
         path.write_text("old")

@@ -155,4 +155,4 @@ FUNCTION __m256i to_f16(__m512 a) {
 
 #define LANES 16
 #include "level.h"
-const struct level procam_avx512 = {search, areas, bundle, residuals, rays, frame, scattered, warp};
+const struct level procam_avx512 = {search, bundle, residuals, rays, frame, scattered, warp};
