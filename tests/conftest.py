@@ -38,12 +38,13 @@ LONG = frozenset(
     f"test_{name}"
     for name in """
     acceptance audience behaviour camera cli_bundle cli_camera cli_chunks cli_external cli_pair
-    cli_response content_small crash dataset_small diagnosis direction_samples doctor drifts_small
-    floor_albedo foreign_codes_small foreign_dome_small full_disk_commands fuzz howto_commands
-    kernels_build kernels_frame large_camera light_refusals mistakes_small mutations notebooks other_seat
-    own_devices page photometry_small physics_foreign_boards physics_forms planar_pair
-    precision_small predecessor preference recalibrate refine response rooms_small rounds server
-    set_checks shot_id solve solve_lens unattended unattended_runs
+    cli_response content_small crash dataset_small demo_small diagnosis direction_samples doctor
+    drifts_small eight_bits floor_albedo foreign_codes_small foreign_dome_small full_disk_commands
+    fuzz howto_commands kernels_build kernels_frame large_camera light_refusals mistakes_small
+    mutations notebooks other_seat own_devices page photometry_small physics_foreign_boards
+    physics_forms planar_pair precision_small predecessor preference preference_statistics
+    recalibrate refine response rooms_small rounds server set_checks shot_id solve solve_lens
+    solve_tags unattended unattended_runs
     """.split()
 )
 

@@ -1,11 +1,13 @@
 """Compressed form factors against all of them one by one, closed forms, and what they must keep."""
 
+from functools import cache
+
 import mesh_shapes
 import numpy as np
 import pytest
 
 from procam.maths.mesh.clusters import Clusters, children
-from procam.maths.mesh.compressed import compressed_factors
+from procam.maths.mesh.compressed import CompressedFactors, compressed_factors
 from procam.maths.mesh.cross_approximation import cross_approximation, recompressed
 from procam.maths.mesh.exchange import Exchange
 from procam.maths.mesh.facets import face_areas, face_normals
@@ -25,12 +27,17 @@ MESHES = {
 }
 
 
+@cache
+def factors_of(name: str) -> CompressedFactors:
+    return compressed_factors(*MESHES[name])
+
+
 @pytest.mark.parametrize("name", MESHES)
 class TestAgainstDense:
     def test_light_is_that_of_every_pair(self, name: str, rng: np.random.Generator) -> None:
         """Half lit, a spot in a corner, noise; of the mean of what arrives."""
         vertices, faces = MESHES[name]
-        factors, every = compressed_factors(vertices, faces), np.arange(len(faces))
+        factors, every = factors_of(name), np.arange(len(faces))
         exchange = Exchange(vertices, faces)
         middle = vertices[faces].mean(axis=1)
         half = middle[:, 0] < np.median(middle[:, 0])
@@ -44,9 +51,8 @@ class TestAgainstDense:
 
     def test_reciprocity_is_exact(self, name: str, rng: np.random.Generator) -> None:
         """x.(X y) = y.(X x), and `spread` is the transpose of `gather`."""
-        vertices, faces = MESHES[name]
-        factors = compressed_factors(vertices, faces)
-        x, y = rng.uniform(0, 1, (2, len(faces), 1))
+        factors = factors_of(name)
+        x, y = rng.uniform(0, 1, (2, len(factors.area), 1))
         assert float((x * factors.exchange(y)).sum()) == pytest.approx(
             float((y * factors.exchange(x)).sum()), rel=1e-6
         )
@@ -80,7 +86,7 @@ def test_what_stands_between_casts_a_shadow() -> None:
     middle, normal = vertices[faces].mean(axis=1), face_normals(vertices, faces)
     one = (middle[:, 0] > 1.9) & (normal[:, 0] < -0.5)
     other = (middle[:, 1] > 1.9) & (normal[:, 1] < -0.5)
-    seen = compressed_factors(vertices, faces).gather(one[:, None].astype(float))[:, 0]
+    seen = factors_of("L").gather(one[:, None].astype(float))[:, 0]
     assert np.abs(seen[other]).max() < 1e-3 * seen.max()
 
 
@@ -140,6 +146,4 @@ class TestCrossApproximation:
 
 def test_areas_are_those_of_the_faces() -> None:
     vertices, faces = MESHES["dome"]
-    np.testing.assert_allclose(
-        compressed_factors(vertices, faces).area, face_areas(vertices, faces)
-    )
+    np.testing.assert_allclose(factors_of("dome").area, face_areas(vertices, faces))
