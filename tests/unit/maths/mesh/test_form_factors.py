@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 
 from procam.maths.geometry.sphere import normalise
+from procam.maths.mesh.exchange import is_convex
 from procam.maths.mesh.facets import face_areas
-from procam.maths.mesh.form_factors import form_factors, is_convex
+from procam.maths.mesh.form_factors import form_factors
 
 CUTS = 12
 COLUMN_LOW, COLUMN_HIGH = np.array([0.4, 0.3, 0.0]), np.array([0.7, 0.5, 0.6])
