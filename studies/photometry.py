@@ -201,10 +201,8 @@ def seams(folder: Path) -> dict[str, float]:
 
 def seam_patches(calibration: Calibration) -> NDArray[np.bool_]:
     """Patches (N, N) where two projectors or more share the picture."""
-    surfaces = {n: p.surface for n, p in calibration.projectors.items()}
-    models = {n: p.model for n, p in calibration.projectors.items()}
     direction, inside = master_directions(PATCHES)
-    blender = Blender(models, surfaces, calibration.screen)
+    blender = Blender(calibration.projectors, calibration.screen)
     weights = np.stack(list(blender.weights(direction.astype(np.float32)).values()))
     maps = calibration.maps
     covered = sample(maps.coverage, master_pixels(direction, maps.size)) > EDGE

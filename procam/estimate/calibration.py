@@ -13,26 +13,30 @@ from typing import Any
 
 import numpy as np
 
-from procam.arrays import Array, FloatArray, Image
+from procam.arrays import Array, Image
 from procam.estimate.geometry.camera_view import DomeView
 from procam.estimate.geometry.direction_samples import direction_sigmas
 from procam.estimate.geometry.solve import MAX_SPHERE_RATIO, GeometrySolution
 from procam.estimate.light.blend import Blender, common_white
+from procam.estimate.light.calibrated_projector import (
+    Placed,
+    content_light,
+    unblended_projector,
+)
 from procam.estimate.light.dome_scatter import DomeScatter, measure_scatter
 from procam.estimate.light.edge_blend import edge_blend_notes
 from procam.estimate.light.floor_albedo import floor_notes, flux_notes
-from procam.estimate.light.footprint import lit_share, project_surface
+from procam.estimate.light.full_white import FullWhite, black_light
 from procam.estimate.light.luminance_matching import matched_white
-from procam.estimate.light.measurement import ProjectorMeasurement, direct_black
-from procam.estimate.light.scatter_kernel import BLACK_BLUR_PX, CELLS
+from procam.estimate.light.measurement import ProjectorMeasurement
+from procam.estimate.light.scatter_kernel import CELLS
 from procam.estimate.light.separation import SeparatedLight
 from procam.estimate.light.spots import spot_notes
 from procam.estimate.light.unknown_vignetting import vignetting_notes
 from procam.maths.geometry.sphere import master_directions, master_solid_angles
-from procam.maths.warp import blur, sample
+from procam.maths.warp import sample
 from procam.model.calibration import Calibration, ProjectorCalibration
 from procam.model.mask import Nudge
-from procam.model.photometry import Photometry
 from procam.model.quality import Figure, Goal
 from procam.model.screen import Dome
 from procam.model.transport import DomeMaps
@@ -60,35 +64,24 @@ def assemble(
     provenance : stored with the calibration; its "notes" are extended.
     falloff_per_rad : largest relative change of the white per radian (`luminance_matching`).
     """
-    unmix = _content_matrix(measured)
-    content = _Converted(measured, unmix)
-    moved = _moved_arcmin(view, measured)
-    surfaces = {
-        name: project_surface(geometry, name, dome, view, light, nudges, moved)
-        for name, light in content.items()
+    unmix, moved = _content_matrix(measured), _moved_arcmin(view, measured)
+    placed = Placed(geometry, dome, view, nudges, moved)
+    projectors = {
+        name: unblended_projector(placed, name, each, unmix) for name, each in measured.items()
     }
-    blender = Blender(geometry.projectors, surfaces, dome)
-    master = _Master(dome, view, measured, blender)
-    hi = master.blended(content)
-    lit = master.coverage > COVERED
+    master = _Master(dome, view, projectors)
+    hi, lit = master.white.light, master.coverage > COVERED
     shape = matched_white(hi, lit, falloff_per_rad)
     white = common_white(hi / shape[..., None], lit)
+    projectors = Blender(_over(white, projectors), dome).blended()
     to_relative = np.diag(1 / white) @ unmix
     samples = [[x.converted(unmix) for x in m.scatter_samples] for m in measured.values()]
+    lights = _ContentLight(measured, unmix).values()
     scatter = measure_scatter(
-        dome, view, content.values(), samples, master.flux_in_cells(hi), master.coverage
+        dome, view, lights, samples, master.flux_in_cells(hi), master.coverage
     )
     lo = master.black_level(measured, to_relative)
     maps = master.maps(scatter, hi / white, lo, shape if falloff_per_rad else None)
-    projectors = dict[str, ProjectorCalibration]()
-    for name, surface in surfaces.items():
-        direction = np.nan_to_num(surface.direction)
-        seen = sample(content[name].extended() / white, view.camera_pixels(dome, direction))
-        blend = blender.weights(direction)[name] * surface.valid
-        photometry = _photometry(name, measured, seen * surface.valid[..., None])
-        projectors[name] = ProjectorCalibration(
-            geometry.projectors[name], surface, photometry, blend.astype(np.float32)
-        )
     notes = [*provenance.get("notes", []), *(note for m in measured.values() for note in m.notes)]
     notes += [*floor_notes(dome, scatter.floor), *flux_notes(scatter.floor)]
     notes += [*spot_notes(scatter.solution.per_flux, view), *edge_blend_notes(projectors)]
@@ -117,34 +110,18 @@ class _Master:
     """Pixels of the dome master of the maps: directions, camera positions, coverage."""
 
     def __init__(
-        self,
-        dome: Dome,
-        view: DomeView,
-        measured: Mapping[str, ProjectorMeasurement],
-        blender: Blender,
+        self, dome: Dome, view: DomeView, projectors: Mapping[str, ProjectorCalibration]
     ) -> None:
+        self._dome, self._view = dome, view
+        self.white = FullWhite(projectors, dome, MAP_SIZE)
         direction, self.inside = master_directions(MAP_SIZE)
-        self._weights = blender.weights(direction.astype(np.float32))
-        # a projector's blur lights directions that none of its pixels reaches
-        reached = np.sum(list(self._weights.values()), axis=0) > 0
         self.where = view.camera_pixels(dome, direction)
-        shares = [lit_share(m.light, self.where) for m in measured.values()]
-        # a ramp about one half, insensitive to noise near 0 and 1
-        ramp = np.clip(2 * np.max(shares, axis=0) - 0.5, 0, 1) * (self.inside & reached)
-        self.coverage = ramp.astype(np.float32)
+        self.coverage = self.white.coverage
         self.solid_sr = master_solid_angles(MAP_SIZE) * self.coverage
 
     def mean(self, values: Image) -> Array:
         """Mean (C,) over the lit part."""
         return np.asarray(np.tensordot(self.solid_sr, values, 2) / self.solid_sr.sum())
-
-    def blended(self, lights: Mapping[str, SeparatedLight]) -> Array:
-        """Direct light (N, N, 3) of all projectors at full white, blended."""
-        each = [
-            w[..., None] * sample(lights[n].extended(), self.where)
-            for n, w in self._weights.items()
-        ]
-        return np.asarray(np.sum(each, axis=0), float)
 
     def flux_in_cells(self, hi: Array) -> Array:
         """Flux (N, C) of full white in the cells of the scatter kernel's fit [rel sr]."""
@@ -176,60 +153,43 @@ class _Master:
         self, measured: Mapping[str, ProjectorMeasurement], to_relative: Array
     ) -> Image:
         """Direct black light (N, N, 3) of all projectors together, smoothed [rel]."""
-        first, *others = measured
-        total = direct_black(measured[first])
-        for name in others:  # one at a time: of a large camera they take 0.1 GB each
-            total += direct_black(measured[name])
-        smooth = blur(total, BLACK_BLUR_PX) @ to_relative.T.astype(np.float32)
-        level = np.maximum(sample(smooth, self.where), 0) * self.coverage[..., None]
-        return np.asarray(level, np.float32)
+        rest = self._view, self._dome, to_relative, MAP_SIZE
+        total = sum(black_light(each, *rest) for each in measured.values())
+        return np.asarray(np.maximum(total, 0) * self.coverage[..., None], np.float32)
 
 
 def _content_matrix(measured: Mapping[str, ProjectorMeasurement]) -> Array:
     """(3, 3) from camera radiance to amounts of the mean projector's primaries."""
-    white = np.mean([m.light.direct[m.light.lit].mean(axis=0) for m in measured.values()], axis=0)
-    return np.asarray(np.linalg.inv(_mean_mix(measured)) / white, float)
+    white = np.mean([m.white for m in measured.values()], axis=0)
+    mix = np.mean([m.colour.mix for m in measured.values()], axis=0)
+    return np.asarray(np.linalg.inv(mix) / white, float)
 
 
-def _mean_mix(measured: Mapping[str, ProjectorMeasurement]) -> Array:
-    return np.asarray(np.mean([m.colour.mix for m in measured.values()], axis=0))
+def _over(
+    white: Array, projectors: Mapping[str, ProjectorCalibration]
+) -> dict[str, ProjectorCalibration]:
+    """The projectors with their gains in parts of a white (3,)."""
+    small = white.astype(np.float32)
+    return {
+        name: replace(p, photometry=replace(p.photometry, gain=p.photometry.gain / small))
+        for name, p in projectors.items()
+    }
 
 
-class _Converted(Mapping[str, SeparatedLight]):
-    """Light of projectors in content channels, converted when it is used: twice the light is much memory."""
+class _ContentLight(Mapping[str, SeparatedLight]):
+    """Light of projectors in content channels, converted when it is used."""
 
     def __init__(self, measured: Mapping[str, ProjectorMeasurement], matrix: Array) -> None:
         self._measured, self._matrix = measured, matrix
 
     def __getitem__(self, name: str) -> SeparatedLight:
-        return converted(self._measured[name].light, self._matrix)
+        return content_light(self._measured[name], self._matrix)
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._measured)
 
     def __len__(self) -> int:
         return len(self._measured)
-
-
-def converted(light: SeparatedLight, matrix: Array) -> SeparatedLight:
-    """Light in content channels, from camera channels, by a (3, 3) matrix."""
-    small = matrix.T.astype(np.float32)
-    return replace(
-        light,
-        direct=light.direct @ small,
-        scattered=light.scattered @ small,
-        flux=light.flux @ matrix.T,
-    )
-
-
-def _photometry(
-    name: str, measured: Mapping[str, ProjectorMeasurement], gain: FloatArray
-) -> Photometry:
-    """A projector's gain (H, W, 3), its response, and its mix in content channels."""
-    own = measured[name]
-    mix = np.linalg.inv(_mean_mix(measured)) @ own.colour.mix
-    mix = np.asarray(mix / mix.sum(axis=1, keepdims=True), float)
-    return Photometry(own.response, mix, np.maximum(gain, 0).astype(np.float32), own.exponent)
 
 
 def _direction_sigmas(geometry: GeometrySolution, moved_arcmin: float) -> dict[str, Figure]:

@@ -1,15 +1,23 @@
 """Writes that survive a kill: temporary name, flush to disk, rename; logs that lose no whole line."""
 
 import os
+import platform
+import re
 import shutil
+import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from functools import cache
 from pathlib import Path
+from secrets import token_hex
+from zlib import crc32
 
 from procam.errors import FileFormatError
-from procam.files.system import flush, open_here
+from procam.files.system import flush, is_running, open_here
 
 SPARE_BYTES = 65536  # more than a library holds back until it closes a file
+ABANDONED_S = 86400.0  # since a computer of which no processes can be seen wrote a temporary file
+TEMPORARY = re.compile(r"\..*\.([0-9a-f]{8})-(\d+)-[0-9a-f]{8}\.tmp(\.|$)")
 
 
 @contextmanager
@@ -18,33 +26,54 @@ def replacing(path: Path) -> Iterator[Path]:
 
     A reader of `path` finds the old file or the complete new one, also after a power cut. Of a library that
     writes the temporary file and ignores errors, ask `require_room`. Of two processes that write one file at
-    once, either's is kept.
+    once, the later is kept.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary, before = path.with_name(f".{path.name}.tmp{path.suffix}"), _inode(path)
+    temporary = _temporary(path, path.suffix)
     try:
         with _named(path, temporary):
-            temporary.unlink(missing_ok=True)  # of a killed run, or a link that leads elsewhere
             yield temporary
-            _put_in_place(temporary, path, before)
+            flush(temporary)
+            temporary.replace(path)
         flush(path.parent)
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise
 
 
-def _put_in_place(temporary: Path, path: Path, before: int | None) -> None:
-    """Flush and rename, unless another process has renamed this file, or its own, since."""
-    try:
-        flush(temporary)
-        temporary.replace(path)
-    except FileNotFoundError:
-        if _inode(path) in (None, before):
-            raise
+def _temporary(path: Path, suffix: str = "") -> Path:
+    """A name beside `path` that no other process uses, on any computer; what killed runs left is removed."""
+    _remove_abandoned(path.parent.resolve())
+    # nobody can put a link there that leads elsewhere: the last part cannot be guessed
+    mine = f"{_this_computer()}-{os.getpid()}-{token_hex(4)}"
+    return path.with_name(f".{path.name}.{mine}.tmp{suffix}")
 
 
-def _inode(path: Path) -> int | None:
-    return path.stat().st_ino if path.exists() else None
+@cache
+def _remove_abandoned(folder: Path) -> None:
+    """Remove temporary files and folders of killed runs: once for each folder, which may have many files."""
+    for path in folder.iterdir():
+        found = TEMPORARY.match(path.name)
+        with suppress(OSError):  # it may be renamed meanwhile
+            if found and _is_abandoned(path, found[1], int(found[2])):
+                _remove(path)
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir():
+        shutil.rmtree(path)
+    else:
+        path.unlink()
+
+
+def _is_abandoned(path: Path, computer: str, process: int) -> bool:
+    if computer == _this_computer():
+        return not is_running(process)
+    return time.time() - path.lstat().st_mtime > ABANDONED_S
+
+
+def _this_computer() -> str:
+    return f"{crc32(platform.node().encode()):08x}"
 
 
 def require_room(path: Path) -> None:
@@ -66,8 +95,7 @@ def replacing_directory(path: Path) -> Iterator[Path]:
     `path` must not exist, or be empty: a finished directory is never overwritten.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.tmp")
-    shutil.rmtree(temporary, ignore_errors=True)
+    temporary = _temporary(path)
     try:
         with _named(path, temporary):
             temporary.mkdir()

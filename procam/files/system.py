@@ -36,6 +36,19 @@ def try_lock(file: IO[Any]) -> bool:
     return True
 
 
+def is_running(process: int) -> bool:
+    """Whether a process of this computer is there, by its number; on Windows, always."""
+    if not fcntl:
+        return True  # os.kill would end it
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:  # of another user
+        return True
+    return True
+
+
 def refuse_link(path: str | Path) -> None:
     """Raise the OSError of a link where a file of procam's own is needed.
 

@@ -1,6 +1,7 @@
 """Blend weights of overlapping projectors, and the common white."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -8,8 +9,7 @@ from procam.arrays import Array, BoolArray, FloatArray, Image
 from procam.estimate.geometry.screen_points import round_shape, screen_points
 from procam.maths.geometry.lenses import project_before_fold
 from procam.maths.warp import edge_distance, sample
-from procam.model.correspondence import ProjectorSurface
-from procam.model.optics import ProjectorModel
+from procam.model.calibration import ProjectorCalibration
 from procam.model.screen import Dome
 
 WHITE_QUANTILE = 0.001  # instead of the minimum, to leave out a few noisy pixels
@@ -21,30 +21,37 @@ class Blender:
     They sum to 1 in linear light wherever any projector reaches.
     """
 
-    def __init__(
-        self,
-        models: Mapping[str, ProjectorModel],
-        surfaces: Mapping[str, ProjectorSurface],
-        dome: Dome,
-    ) -> None:
-        self.models, self.dome = models, dome
-        self.distance = {
-            name: edge_distance(surface.valid) / max(models[name].size)
-            for name, surface in surfaces.items()
+    def __init__(self, projectors: Mapping[str, ProjectorCalibration], dome: Dome) -> None:
+        self._projectors, self._shape = projectors, round_shape(dome)
+        self._distance = {
+            name: edge_distance(each.surface.valid) / max(each.model.size)
+            for name, each in projectors.items()
         }
+
+    def place(self, name: str, direction: Image) -> Image:
+        """Panel pixel (H, W, 2) of a projector that lights directions (H, W, 3)."""
+        model = self._projectors[name].model
+        points = screen_points(self._shape, direction)
+        place = project_before_fold(model.projector_from_dome.apply(points), model.lens)
+        return np.asarray(place, np.float32)
 
     def weights(self, direction: Image) -> dict[str, Image]:
         """Weight (H, W) of every projector in directions (H, W, 3); 0 where it does not reach."""
-        distance = {name: self._distance(name, direction) for name in self.models}
+        distance = {
+            name: sample(each, self.place(name, direction))  # over the panel's larger side
+            for name, each in self._distance.items()
+        }
         total = np.maximum(sum(distance.values()), 1e-9)
         return {name: np.asarray(d / total, np.float32) for name, d in distance.items()}
 
-    def _distance(self, name: str, direction: Image) -> Image:
-        """Distance to the border of the footprint, over the panel's larger side; 0 outside."""
-        model = self.models[name]
-        points = screen_points(round_shape(self.dome), direction)
-        xy = project_before_fold(model.projector_from_dome.apply(points), model.lens)
-        return sample(self.distance[name], xy)
+    def blended(self) -> dict[str, ProjectorCalibration]:
+        """The projectors with their weights at each pixel."""
+        return {name: self._blended(name, each) for name, each in self._projectors.items()}
+
+    def _blended(self, name: str, projector: ProjectorCalibration) -> ProjectorCalibration:
+        surface = projector.surface
+        weight = self.weights(np.nan_to_num(surface.direction))[name]
+        return replace(projector, blend=(weight * surface.valid).astype(np.float32))
 
 
 def common_white(hi: FloatArray, lit: BoolArray) -> Array:

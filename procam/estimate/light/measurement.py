@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from procam.arrays import Image
+from procam.arrays import Array, Image
 from procam.estimate.light.projector_response import ColourFit
 from procam.estimate.light.scatter_kernel import ScatterSample
 from procam.estimate.light.separation import SeparatedLight
@@ -33,6 +33,11 @@ class ProjectorMeasurement:
     exponent: Image | None = None
     notes: Sequence[str] = ()
     moved_px: float = 0.0
+
+    @property
+    def white(self) -> Array:
+        """Mean radiance (3,) of its white, of which the colour mix has the shares."""
+        return np.asarray(self.light.direct[self.light.lit].mean(axis=0, dtype=float))
 
 
 def direct_black(measured: ProjectorMeasurement) -> Image:

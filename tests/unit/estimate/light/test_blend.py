@@ -11,12 +11,7 @@ from procam.model.calibration import Calibration
 
 @pytest.fixture(scope="module")
 def blender(calibration: Calibration) -> Blender:
-    projectors = calibration.projectors
-    return Blender(
-        {n: p.model for n, p in projectors.items()},
-        {n: p.surface for n, p in projectors.items()},
-        calibration.screen,
-    )
+    return Blender(calibration.projectors, calibration.screen)
 
 
 def test_weights_sum_to_one_where_anything_is_lit(blender: Blender) -> None:
