@@ -37,6 +37,18 @@ def test_each_end_belongs_to_one_and_the_middle_to_both(blender: Blender) -> Non
     assert 0.2 < weights["south"][0, 1] < 0.8
 
 
+def test_a_projector_sends_all_where_it_lights_alone_and_nothing_off_the_screen(
+    blender: Blender, calibration: Calibration
+) -> None:
+    blended = blender.blended()
+    for name, projector in calibration.projectors.items():
+        surface, blend = projector.surface, blended[name].blend
+        weights = blender.weights(np.nan_to_num(surface.direction))
+        alone = surface.valid & (sum(weights.values()) == weights[name]) & (weights[name] > 0)
+        assert alone.any() and (blend[alone] == 1).all()
+        assert not blend[~surface.valid].any()
+
+
 def test_there_is_no_step_anywhere(blender: Blender) -> None:
     """Weights fade to nothing at a footprint's border: neighbours differ little."""
     azimuth = np.zeros(4000)
