@@ -72,7 +72,7 @@ class Judge:
             "stated_arcmin": stated,
             "line": self._line(found),
             **{f"left_{name}": self._left(found, CONTENTS[name](MASTER)) for name in SHOWN},
-            "notes": list(found.provenance["notes"]),
+            "notes": found.provenance.note_lines,
         }
 
     def _directions(self, found: Calibration) -> tuple[float, float, float]:

@@ -94,12 +94,12 @@ class Stage:
     def calibrate(self, mistake: Mistake | None) -> tuple[Calibration, list[str]]:
         """A calibration of a new session, and its notes."""
         found, _ = self._calibrated(mistake)
-        return found, list(found.provenance["notes"])
+        return found, found.provenance.note_lines
 
     def calibrate_again(self, mistake: Mistake | None) -> tuple[Calibration, list[str]]:
         """The same, and what is said of differences from the calibration before."""
         found, compared = self._calibrated(mistake)
-        return found, [*found.provenance["notes"], *compared]
+        return found, [*found.provenance.note_lines, *compared]
 
     def verify(self, mistake: Mistake | None) -> tuple[Calibration, list[str]]:
         """The first calibration, which a verification keeps, and what that finds."""
@@ -117,7 +117,7 @@ class Stage:
             made = result_of(recalibrate(lambda: rig, venue, self._first, [name]))
         assert made.calibration is not None
         found = load_calibration(made.calibration)
-        return found, [*made.notes, *found.provenance["notes"]]
+        return found, [*made.notes, *found.provenance.note_lines]
 
     def _folder(self, mistake: Mistake | None) -> Path:
         """A folder for a session that is no other's."""

@@ -60,7 +60,7 @@ def _figures(found: Calibration, truth: Calibration) -> dict[str, Any]:
         "response": response_in_rooms(found, truth),
         "relative_arcmin": [relative, found.quality["direction_sigma_relative_arcmin"].value],
         "absolute_arcmin": [absolute, found.quality["direction_sigma_arcmin"].value],
-        "notes": list(found.provenance["notes"]),
+        "notes": found.provenance.note_lines,
     }
 
 

@@ -15,6 +15,7 @@ from procam.model.calibration import Calibration, ProjectorCalibration
 from procam.model.correspondence import ProjectorSurface
 from procam.model.optics import CameraModel, ProjectorModel, Sensor
 from procam.model.photometry import Photometry, ResponseCurve
+from procam.model.provenance import Provenance
 from procam.model.quality import Figure, Goal
 from procam.model.screen import Dome
 from procam.model.transport import DomeMaps, Measured
@@ -110,7 +111,7 @@ def _calibration(
         Measured(np.array([0.46, 0.5, 0.57]), np.array([0.01, 0.01, 0.02])),
         np.array([[9.0, -0.5, 0.1], [-0.4, 8.0, -0.3], [0.0, -0.2, 7.0]]),
         {"ratio": Figure(1.25, "-", Goal("<=", 2.0), 30, "a ratio")},
-        {"version": "test", "seeds": [1, 2]},
+        Provenance("0001"),
         main_camera="zenith",
     )
 

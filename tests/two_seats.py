@@ -32,7 +32,7 @@ def seen_from(calibration: Calibration, place: Place, turn_deg: float = 0.0) -> 
 def keep(venue: Path, calibration: Calibration, session: str, **provenance: object) -> Path:
     """Add a calibration of a session to a venue; returns its folder."""
     directory = next_directory(venue)
-    source = {**calibration.provenance, "session": session, **provenance}
+    source = replace(calibration.provenance, session=session, **provenance)  # type: ignore[arg-type]
     save_calibration(replace(calibration, provenance=source), directory)
     return directory
 

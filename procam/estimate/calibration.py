@@ -9,7 +9,6 @@ the maps of a dome master. `light.measure` measures the light of each projector.
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -37,6 +36,7 @@ from procam.maths.geometry.sphere import master_directions, master_solid_angles
 from procam.maths.warp import sample
 from procam.model.calibration import Calibration, ProjectorCalibration
 from procam.model.mask import Nudge
+from procam.model.provenance import Provenance
 from procam.model.quality import Figure, Goal
 from procam.model.screen import Dome
 from procam.model.transport import DomeMaps
@@ -52,7 +52,7 @@ def assemble(
     view: DomeView,
     measured: Mapping[str, ProjectorMeasurement],
     nudges: Sequence[Nudge],
-    provenance: Mapping[str, Any],
+    provenance: Provenance,
     falloff_per_rad: float = 0.0,
 ) -> Calibration:
     """Assemble the calibration of what one camera measured.
@@ -61,7 +61,7 @@ def assemble(
     ----------
     dome : the screen. geometry, view : solved poses; the main camera's view of the dome.
     measured : light of each projector. nudges : manual shifts of the picture.
-    provenance : stored with the calibration; its "notes" are extended.
+    provenance : stored with the calibration; notes are added to it.
     falloff_per_rad : largest relative change of the white per radian (`luminance_matching`).
     """
     unmix, moved = _content_matrix(measured), _moved_arcmin(view, measured)
@@ -82,7 +82,7 @@ def assemble(
     )
     lo = master.black_level(measured, to_relative)
     maps = master.maps(scatter, hi / white, lo, shape if falloff_per_rad else None)
-    notes = [*provenance.get("notes", []), *(note for m in measured.values() for note in m.notes)]
+    notes = [*provenance.notes, *(note for m in measured.values() for note in m.notes)]
     notes += [*floor_notes(dome, scatter.floor), *flux_notes(scatter.floor)]
     notes += [*spot_notes(scatter.solution.per_flux, view), *edge_blend_notes(projectors)]
     notes += vignetting_notes(scatter.solution.per_flux, view)
@@ -95,7 +95,7 @@ def assemble(
         scatter.albedo,
         to_relative,
         _quality(geometry, moved, measured, master, scatter),
-        {**provenance, "notes": notes},
+        replace(provenance, notes=tuple(notes)),
         main_camera=geometry.main,
     )
 

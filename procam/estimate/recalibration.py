@@ -7,7 +7,6 @@ white and black put on the dome there.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -20,6 +19,7 @@ from procam.estimate.light.full_white import FullWhite, black_light
 from procam.estimate.light.measurement import ProjectorMeasurement
 from procam.model.calibration import Calibration, ProjectorCalibration
 from procam.model.mask import Nudge
+from procam.model.provenance import Provenance
 from procam.model.transport import DomeMaps
 
 ARCMIN = 60 * 180 / np.pi
@@ -32,7 +32,7 @@ def with_projector(
     view: DomeView,
     before_and_now: tuple[ProjectorMeasurement, ProjectorMeasurement],
     nudges: Sequence[Nudge],
-    provenance: Mapping[str, Any],
+    provenance: Provenance,
 ) -> Calibration:
     """A calibration with projector `name` as it was measured anew.
 

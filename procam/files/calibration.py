@@ -19,6 +19,7 @@ from procam.files import calibration_entries as entries
 from procam.files.atomic import replacing_directory
 from procam.files.calibration_entries import check_dome_maps, check_surface, numbers, size_of
 from procam.files.images.layers import read_channels, read_layers, write_channels, write_layers
+from procam.files.provenance import provenance_entry, read_provenance
 from procam.model.calibration import SCHEMA_VERSION, Calibration, ProjectorCalibration
 from procam.model.correspondence import ProjectorSurface
 from procam.model.mask import Mask
@@ -196,7 +197,7 @@ def _document(calibration: Calibration) -> dict[str, Any]:
         "scatter_kernel": asdict(calibration.maps.kernel),
         "content_from_camera": calibration.content_from_camera,
         "quality": {n: f.as_dict() for n, f in calibration.quality.items()},
-        "provenance": dict(calibration.provenance),
+        "provenance": provenance_entry(calibration.provenance),
         "states": {n: _state_entry(s) for n, s in calibration.states.items()},
         "absolute": asdict(calibration.absolute) if calibration.absolute else None,
     }
@@ -249,7 +250,7 @@ def _calibration(directory: Path, document: dict[str, Any], keep: Keep | None) -
         entries.measured(document["albedo"]),
         numbers(document, "content_from_camera", (3, 3), unknown=True),
         {n: entries.figure(e) for n, e in document["quality"].items()},
-        document["provenance"],
+        read_provenance(document["provenance"]),
         document["schema_version"],
         {
             n: _state(directory, entries.safe_name(n), e)

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 from procam.arrays import Array, Array32
 from procam.errors import CalibrationError, InputError, ShapeError
@@ -10,6 +9,7 @@ from procam.maths.geometry.canvas import STANDARD, Canvas
 from procam.model.correspondence import ProjectorSurface
 from procam.model.optics import CameraModel, ProjectorModel
 from procam.model.photometry import AbsoluteColour, Photometry
+from procam.model.provenance import Provenance
 from procam.model.quality import Figure
 from procam.model.screen import Dome
 from procam.model.transport import DomeMaps, Measured
@@ -39,7 +39,7 @@ class Calibration:
     feedback, albedo : m (docs/theory/interreflection.md, I10) and mean albedo per content channel.
     content_from_camera : (3, 3) matrix from camera radiance [full scale per second] to relative
         content radiance; 1.0 in every channel is the reference white.
-    quality : figures of the solve. provenance : versions, seeds, input hashes.
+    quality : figures of the solve. provenance : what it was solved from.
     states : venue states measured since, by name.
     canvas : dome master that content is drawn on, and a media server is fed with.
     main_camera : name of the camera that light was measured with; "" if it is not recorded.
@@ -54,7 +54,7 @@ class Calibration:
     albedo: Measured
     content_from_camera: Array
     quality: Mapping[str, Figure] = field(default_factory=dict)
-    provenance: Mapping[str, Any] = field(default_factory=dict)
+    provenance: Provenance = field(default_factory=Provenance)
     schema_version: int = SCHEMA_VERSION
     states: Mapping[str, VenueState] = field(default_factory=dict)
     main_camera: str = ""

@@ -169,7 +169,7 @@ class _Camera:
     def calibrated_zones(self, pictures: Mapping[str, Sequence[Picture]]) -> list[ZoneObservation]:
         """Those pictures from the session of the calibration; none if some are gone."""
         origin, camera = self.audience.calibration.provenance, self._camera.name
-        session = Session(self._sessions / str(origin.get("session")))
+        session = Session(self._sessions / origin.session)
         if not (session.directory / "plan.json").is_file():
             return []
         plan = session.read_plan()

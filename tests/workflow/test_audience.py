@@ -31,6 +31,7 @@ from procam.interfaces.cli import forecast as command
 from procam.maths.geometry.sphere import master_directions, master_solid_angles
 from procam.model.calibration import Calibration
 from procam.model.frame import Frame
+from procam.model.provenance import Provenance
 from procam.model.venue_state import VenueState
 from procam.workflows.audience import measure_state, with_state
 from procam.workflows.forecast import sampled
@@ -149,7 +150,7 @@ class TestMeasured:
         self, venue: Venue, calibration: Calibration, rig: Rig
     ) -> None:
         beside = _measured(rig, venue, calibration)
-        alone = _measured(rig, venue, replace(calibration, provenance={"session": "0042"}))
+        alone = _measured(rig, venue, replace(calibration, provenance=Provenance("0042")))
         far = np.abs(alone.feedback.value - beside.feedback.value)
         assert (far < alone.feedback.sigma).all() and far.max() > 0
         assert (alone.feedback.sigma > 1.5 * beside.feedback.sigma).all()
@@ -242,7 +243,7 @@ class TestRefusals:
     ) -> None:
         maps = calibration.maps
         repainted = replace(maps, scatter_per_flux=0.4 * maps.scatter_per_flux)
-        other = replace(calibration, maps=repainted, provenance={})
+        other = replace(calibration, maps=repainted, provenance=Provenance())
         message = self._complaint(rig, venue, other)
         assert "27" in message and "50% to 200%" in message and "calibrate again" in message
 

@@ -65,10 +65,10 @@ def test_a_solve_applies_and_gives_them(both: Solved) -> None:
     assert off < 0.05 * pixel
     far = np.linalg.norm(after.direction[y, 10] - before.direction[y, 10])
     assert far < 0.05 * pixel
-    assert both.plain.maps.protected is None and "by_hand" not in both.plain.provenance
+    assert both.plain.maps.protected is None and not both.plain.provenance.by_hand
     protected = both.by_hand.maps.protected
     assert protected is not None and 0.01 < protected.covered.mean() < 0.1
-    message = both.by_hand.provenance["by_hand"]
+    message = both.by_hand.provenance.by_hand
     assert message["masks"] == [{"of": "camera zenith", "corners": 4, "share": 0.05}]
     assert message["nudges"] == [
         {"projector": "south", "pixel": list(PIXEL), "shift_px": list(SHIFT)}
@@ -100,7 +100,7 @@ def test_refine_leaves_gains_alone_where_it_is_protected(both: Solved) -> None:
     changed = after.photometry.gain != before.photometry.gain
     assert not changed[kept].any() and changed[~kept].mean() > 0.1
     assert refined.maps.protected is not None
-    assert refined.provenance["by_hand"] == both.by_hand.provenance["by_hand"]
+    assert refined.provenance.by_hand == both.by_hand.provenance.by_hand
 
 
 def test_a_bad_mask_is_reported_before_anything_is_solved(both: Solved) -> None:

@@ -86,7 +86,9 @@ def assert_covers(found: Calibration, truth: Calibration) -> None:
 
 def test_twelve_bits_light_what_is_lit_and_no_more(taken: tuple) -> None:
     *_, found, truth = taken
-    assert not [note for note in found.provenance["notes"] if "waves" in note or "sharpens" in note]
+    assert not [
+        note for note in found.provenance.note_lines if "waves" in note or "sharpens" in note
+    ]
     assert_covers(found, truth)
     covered = [float(calibration.maps.coverage.mean()) for calibration in (found, truth)]
     assert covered[0] == pytest.approx(covered[1], rel=0.01)

@@ -99,7 +99,7 @@ NO_READERS = {
     "workflows/playout/compensate.py:run_key": "a hash",
     "workflows/playout/track.py:_write_shaders": "files of the package",
     "workflows/playout/track.py:_digest": "a hash",
-    "workflows/solve/provenance.py:provenance": "a hash",
+    "workflows/solve/provenance.py:session_provenance": "a hash",
     "workflows/venue_rig.py:open_rig": "devices",
     "workflows/venue_rig.py:open_projector_control": "a device",
     "workflows/verify/photographs.py:read_reference": "reads by Session",

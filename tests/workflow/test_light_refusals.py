@@ -82,19 +82,19 @@ def test_a_door_that_opened(captured: Captured, monkeypatch: pytest.MonkeyPatch)
 
 def test_less_of_it_is_noted(captured: Captured, monkeypatch: pytest.MonkeyPatch) -> None:
     changing(monkeypatch, 0.0, drift=0.012)
-    notes = load_calibration(solved(captured)).provenance["notes"]
+    notes = load_calibration(solved(captured)).provenance.note_lines
     assert [n for n in notes if "drifted while it was photographed" in n and "+1.1" in n]
 
 
 def test_steady_light_is_not_noted(sound: Calibration) -> None:
-    assert not sound.provenance["notes"]
+    assert not sound.provenance.note_lines
 
 
 def test_what_a_missing_dim_picture_would_tell(
     captured: Captured, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(SessionImages, "dim", lambda _: None)
-    (note,) = load_calibration(solved(captured)).provenance["notes"]
+    (note,) = load_calibration(solved(captured)).provenance.note_lines
     assert "the dim picture at the end, was not photographed" in note
 
 
@@ -109,7 +109,7 @@ def test_a_long_exposure_that_is_shorter_is_measured(
 
     monkeypatch.setattr(Radiometer, "radiance", shorter)
     found = load_calibration(solved(captured))
-    (note,) = found.provenance["notes"]
+    (note,) = found.provenance.note_lines
     assert re.search(r"photographs of 6\.5 s were exposed 0\.(79|80?)", note), note
     lit = sound.maps.coverage > 0.999
     assert found.maps.lo[lit].mean() == pytest.approx(sound.maps.lo[lit].mean(), rel=0.02)
@@ -131,7 +131,7 @@ def test_counts_with_gaps_are_not_taken_for_those_of_a_jpeg(
 
     monkeypatch.setattr(Radiometer, "radiance", shorter)
     monkeypatch.setattr(SessionImages, "counts", upper)
-    (note,) = load_calibration(solved(captured)).provenance["notes"]
+    (note,) = load_calibration(solved(captured)).provenance.note_lines
     assert re.search(r"photographs of 6\.5 s were exposed 0\.9[45]", note), note
 
 
@@ -147,7 +147,7 @@ def test_a_photograph_of_the_code_that_was_exposed_longer(
         return (level + 1.3 * (seen - level)).astype(np.uint16) if longer else seen
 
     monkeypatch.setattr(SessionImages, "counts", counts)
-    notes = load_calibration(solved(captured)).provenance["notes"]
+    notes = load_calibration(solved(captured)).provenance.note_lines
     assert [n for n in notes if re.match(r"projector south: south-0005 shows 1\.(29|3\d) times", n)]
 
 
@@ -162,7 +162,7 @@ def test_a_photograph_of_black_that_was_exposed_longer(
         return steady(self, shot, number) * np.float32(1.5 if longer else 1)
 
     monkeypatch.setattr(SessionImages, "light", light)
-    (note,) = load_calibration(solved(captured)).provenance["notes"]
+    (note,) = load_calibration(solved(captured)).provenance.note_lines
     found = re.search(r"south: its black is (\S+) times as bright at 6\.5 s as at 0\.13 s", note)
     assert found and float(found[1]) == pytest.approx(ratio, rel=0.1), note
 

@@ -211,7 +211,7 @@ def test_what_the_solve_knows_is_said_and_keeps_it_out_of_use(
     assert notes[-1] == recalibrate.STAYS
     assert calibration_in_use(venue).name == "0001"
     old, new = (load_calibration(venue / "calibrations" / n) for n in ("0001", "0002"))
-    assert set(new.provenance["notes"]) - set(old.provenance["notes"]) <= set(notes)
+    assert set(new.provenance.note_lines) - set(old.provenance.note_lines) <= set(notes)
 
 
 @pytest.mark.parametrize(

@@ -185,7 +185,7 @@ def test_a_lens_that_tags_solve_is_noted(hand_session: HandSession) -> None:
     path = hand_session.folder / "venue.toml"
     with rewritten(path, 'intrinsics = "fixed"', 'intrinsics = "prior"'):
         solved = result_of(solve(load_venue(hand_session.folder), Session(hand_session.session)))
-    notes = load_calibration(solved.directory).provenance["notes"]
+    notes = load_calibration(solved.directory).provenance.note_lines
     assert any("fit a master of another angle as well" in note for note in notes)
 
 

@@ -97,7 +97,7 @@ def test_a_picture_beyond_the_rim_is_noted(captured: tuple[Venue, Session]) -> N
 
 
 def _beyond_the_rim(calibration: Calibration) -> bool:
-    return any("lie beyond the dome's rim" in note for note in calibration.provenance["notes"])
+    return any("lie beyond the dome's rim" in note for note in calibration.provenance.note_lines)
 
 
 def _solved_with(share: float) -> tuple[SimpleNamespace, SimpleNamespace]:
@@ -110,8 +110,8 @@ def _solved_with(share: float) -> tuple[SimpleNamespace, SimpleNamespace]:
 
 def test_a_focal_length_beyond_its_prior_is_named() -> None:
     (found,) = _lens_notes(*_solved_with(-0.03))
-    assert found.startswith("camera zenith: its pictures need a focal length -3.0% from f")
-    assert found.endswith('or correct f, or set intrinsics = "solve", as "prior" means 0.5%')
+    assert str(found).startswith("camera zenith: its pictures need a focal length -3.0% from f")
+    assert str(found).endswith('or correct f, or set intrinsics = "solve", as "prior" means 0.5%')
     assert not _lens_notes(*_solved_with(0.009))
 
 
@@ -123,5 +123,5 @@ def test_pictures_cropped_by_a_stabiliser_are_refused(share: float) -> None:
 
 
 def _focal_notes(calibration: Calibration) -> list[str]:
-    notes: list[str] = calibration.provenance["notes"]
+    notes: list[str] = calibration.provenance.note_lines
     return [note for note in notes if "its pictures need a focal length" in note]

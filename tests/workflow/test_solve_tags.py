@@ -36,7 +36,7 @@ class Solved:
     @property
     def texts(self) -> list[str]:
         """The notes of the calibration."""
-        return list(self.calibration.provenance["notes"])
+        return self.calibration.provenance.note_lines
 
 
 def stick_tags(session: Session) -> None:
@@ -88,7 +88,7 @@ def test_the_rig_is_rotated_to_the_tags(run: Solved) -> None:
 
 def test_a_missing_tag_and_its_distance_are_in_the_notes(run: Solved) -> None:
     lines = [text for text in run.texts if f"tag {LOST}" in text]
-    assert lines[0].startswith(f"tag {LOST}: no camera sees it; ")
+    assert str(lines[0]).startswith(f"tag {LOST}: no camera sees it; ")
     assert lines[1:] == [f"the distance from {CAMERA} to tag {LOST} is left out"]
 
 
@@ -96,5 +96,5 @@ def test_shot_marks_are_not_fiducials(run: Solved) -> None:
     white = Shot("s-0000", "south", "", "white", (0.1,), detail={"number": 3})
     code = Shot("s-0002", "south", "", "code", (0.1,), detail={"number": 4})
     lines = tag_notes(run.venue, Plan((white, code)), {})
-    assert lines[0].startswith("tag 3: the pictures of this session carry that number")
-    assert lines[1].startswith("tag 4, tag 5, tag 11: no camera")
+    assert str(lines[0]).startswith("tag 3: the pictures of this session carry that number")
+    assert str(lines[1]).startswith("tag 4, tag 5, tag 11: no camera")

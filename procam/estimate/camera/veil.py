@@ -15,6 +15,7 @@ from scipy.special import stdtrit
 from procam.arrays import Array, BoolArray, FloatArray, Image
 from procam.maths.warp import block_mean, blur_in_dark, enlarged, grow
 from procam.model.optics import Sensor
+from procam.model.provenance import Note
 
 # of the Gaussians that make up the veil [of the picture's shorter side]; what the last one takes is no
 # veil of the lens, but gloss and the floor
@@ -162,13 +163,14 @@ def bounded_glare(sensor: Sensor, darkest: float) -> Sensor:
     return replace(sensor, glare_sigma=bound)
 
 
-def glare_notes(camera: str, stated: Sensor, bounded: Sensor, darkest: float) -> list[str]:
+def glare_notes(camera: str, stated: Sensor, bounded: Sensor, darkest: float) -> list[Note]:
     """A note if the standard error of the glare was not trusted."""
     if bounded.glare_sigma == stated.glare_sigma:
         return []
-    return [
-        f"camera {camera}: venue.toml has glare = 0 with glare_sigma = {stated.glare_sigma:g}, but no "
+    text = (
+        f"venue.toml has glare = 0 with glare_sigma = {stated.glare_sigma:g}, but no "
         f"lens is without a veil, and the darkest place in its pictures has {darkest:.1%} of their mean "
         f"light; m and albedo may be too large, and their standard errors are by glare_sigma = "
         f"{bounded.glare_sigma:.2g}. Measure it with `procam lens glare`"
-    ]
+    )
+    return [Note("glare unknown", f"camera {camera}", text)]

@@ -19,6 +19,9 @@ from procam.maths.codes.april_tags import find_tags, tag_cells
 from procam.maths.geometry.lenses import Lens, project, unproject
 from procam.maths.warp import blur, sample
 from procam.model.optics import AprilTag, CameraModel, Fiducial, TagFamily, tag_name
+from procam.model.provenance import Note
+
+TWICE = "sees it at several places and does not use it; take all but one down"
 
 SCALES = (1, 2)  # of the picture in which tags are searched
 DARK_BRIGHT_PERCENT = (1.0, 99.8)  # percentiles that become black and white
@@ -93,10 +96,10 @@ def tag_fiducials(
     return marks
 
 
-def tag_notes(listed: Sequence[AprilTag], observed: Mapping[str, TagObservations]) -> list[str]:
-    """Lines on listed tags that were not seen, or seen twice."""
-    lines = [
-        f"{name}: {camera} sees it at several places and does not use it; take all but one down"
+def tag_notes(listed: Sequence[AprilTag], observed: Mapping[str, TagObservations]) -> list[Note]:
+    """Notes on listed tags that were not seen, or seen twice."""
+    notes = [
+        Note("tag twice", name, f"{camera} {TWICE}")
         for camera, tags in observed.items()
         for name in sorted(tags.doubled)
     ]
@@ -104,16 +107,15 @@ def tag_notes(listed: Sequence[AprilTag], observed: Mapping[str, TagObservations
     lost = [tag.name for tag in listed if tag.name not in seen]
     others = sorted({name for tags in observed.values() for name in tags.others})
     if lost and not seen and others:
-        lines.append(
-            f"{', '.join(lost)}: no camera sees any of the tags that venue.toml lists, but "
+        text = (
+            "no camera sees any of the tags that venue.toml lists, but "
             f"{', '.join(others)}; correct family and id"
         )
+        notes.append(Note("tag unseen", ", ".join(lost), text))
     elif lost:
-        lines.append(
-            f"{', '.join(lost)}: no camera sees it; light it, keep its white border free, or print it "
-            "larger"
-        )
-    return lines
+        text = "no camera sees it; light it, keep its white border free, or print it larger"
+        notes.append(Note("tag unseen", ", ".join(lost), text))
+    return notes
 
 
 def tag_centre(light: Image, corners: Array, cells: BoolArray, lens: Lens) -> Array | None:

@@ -11,6 +11,7 @@ from procam.estimate.geometry.fiducials import best_rotation, distance_in_rig, f
 from procam.estimate.geometry.model import RigGeometry
 from procam.maths.geometry.sphere import normalise
 from procam.model.optics import Distance, Fiducial
+from procam.model.provenance import Note
 
 CONTRADICTION = 8.0  # sigmas of a residual that is an error, not noise
 NOTED = 4.0  # sigmas of one that is noted: by chance one mark in three thousand
@@ -84,19 +85,20 @@ def _check_fiducials(rig: RigGeometry, fiducials: Sequence[Fiducial], slack: flo
     )
 
 
-def fiducial_notes(rig: RigGeometry, fiducials: Sequence[Fiducial], *, rough: bool) -> list[str]:
-    """A line if fiducials fit together so badly that one of them may be wrong."""
+def fiducial_notes(rig: RigGeometry, fiducials: Sequence[Fiducial], *, rough: bool) -> list[Note]:
+    """A note if fiducials fit together so badly that one of them may be wrong."""
     if len(fiducials) < 2:
         return []
     soft = _softened(fiducials, ROUGH if rough else 0.0)
     sigmas = _disagreement(soft, _seen(rig, fiducials))
     if sigmas < NOTED:
         return []
-    return [
+    text = (
         f"the fiducials are up to {sigmas:.1f} standard errors from where they fit together best, so that "
         "directions on the dome may be off by more than is stated. Check azimuth_deg, elevation_deg and "
         "pixel of each, and sigma_deg and sigma_px"
-    ]
+    )
+    return [Note("fiducials disagree", "", text, sigmas / NOTED)]
 
 
 def _softened(fiducials: Sequence[Fiducial], slack: float) -> list[Fiducial]:
@@ -117,21 +119,24 @@ def _disagreement(fiducials: Sequence[Fiducial], seen: Array) -> float:
 
 def missing_fiducials(
     radius_known: bool, fiducials: Sequence[Fiducial], freedoms: int
-) -> list[str]:
-    """Lines on the gauge freedoms that remain, and what would fix them; `freedoms` is their number."""
-    lines, rotations = [], freedoms
+) -> list[Note]:
+    """Notes on the gauge freedoms that remain, and what would fix them; `freedoms` is their number."""
+    notes, rotations = list[Note](), freedoms
     if not radius_known and freedoms in (1, 2, 4):
         rotations -= 1
-        lines.append(
+        text = (
             "the dome's size is not known, and no distance in metres is given: add [screen] radius_m "
             "or one [[distances]]; directions and the compensation do not need it"
         )
+        notes.append(Note("size unknown", "", text))
     if rotations >= 3:
-        lines.append(
+        text = (
             "the dome's front and pole are not known: list two or more [[fiducials]] in venue.toml, or a "
             "springline and a front; until then the dome frame has the axes of the main camera"
         )
+        notes.append(Note("rotation unknown", "", text, rotations))
     elif rotations:
         names = " and ".join(dict.fromkeys(f.name for f in fiducials)) or "the pole"
-        lines.append(f"the rotation about {names} is not known: list one more of [[fiducials]]")
-    return lines
+        text = f"the rotation about {names} is not known: list one more of [[fiducials]]"
+        notes.append(Note("rotation unknown", "", text, rotations))
+    return notes

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from procam.arrays import Array, BoolArray, Image
+from procam.model.provenance import Note
 
 FEWEST = 2.0  # bands over the picture: fewer look like paint or vignetting
 BAND_PX = 16  # narrowest band [px]; narrower ones are smoothed away with the noise
@@ -53,9 +54,10 @@ class Bands:
             "pulses (banding)"
         )
 
-    def note(self, camera: str) -> str:
+    def note(self, camera: str) -> Note:
         """What the report says."""
-        return f"camera {camera}: {self.text}. Gains are wrong by as much: {ADVICE}"
+        text = f"{self.text}. Gains are wrong by as much: {ADVICE}"
+        return Note("banding", f"camera {camera}", text, self.amplitude / NOTED)
 
 
 def find_bands(departure: Image, use: BoolArray) -> Bands | None:

@@ -10,6 +10,7 @@ from procam.estimate.light.projector_images import CameraSight, Picture, Project
 from procam.maths.warp import sample
 from procam.model.photometry import ResponseCurve
 from procam.model.plan import Shot
+from procam.model.provenance import Note
 
 ODD_LIGHT = 0.1  # relative; waves of different phase differ by a percent, a person takes some
 WAVES = 6  # at least so many of a code, evenly picked, have their light predicted
@@ -17,9 +18,13 @@ WAVES = 6  # at least so many of a code, evenly picked, have their light predict
 # and 0.005 of waves of 50 px, where it is harmless
 NOT_PREDICTED = 0.01
 GREEN = 1
+ODD_TEXT = (
+    "{} shows {:.2f} times the light of its other waves: its exposure time differs from the file's, or stray "
+    "light got in, so directions and what is lit may be wrong by more than is stated. Photograph again"
+)
 
 
-def odd_waves(light: Mapping[int, float], shots: Sequence[Shot], name: str) -> list[str]:
+def odd_waves(light: Mapping[int, float], shots: Sequence[Shot], name: str) -> list[Note]:
     """Notes of a code's pictures that are brighter or darker than the others; fine waves have equal light.
 
     `light` are mean counts by number: white, black, planes.
@@ -27,17 +32,15 @@ def odd_waves(light: Mapping[int, float], shots: Sequence[Shot], name: str) -> l
     planes = {str(s.id): light[int(s.detail["plane"])] - light[1] for s in shots}
     usual = float(np.median(list(planes.values())))
     return [
-        f"projector {name}: {shot} shows {value / usual:.2f} times the light of its other waves: its "
-        "exposure time differs from the file's, or stray light got in, so directions and what is lit may be "
-        "wrong by more than is stated. Photograph again"
+        Note("odd photograph", f"projector {name}", ODD_TEXT.format(shot, value / usual), amount)
         for shot, value in planes.items()
-        if abs(value / usual - 1) > ODD_LIGHT
+        if (amount := abs(value / usual - 1) / ODD_LIGHT) > 1
     ]
 
 
 def wave_notes(
     images: ProjectorImages, sight: CameraSight, found: ProjectorMeasurement
-) -> list[str]:
+) -> list[Note]:
     """A note if the waves of a projector's code are not as bright as its response predicts.
 
     Waves are finer than the tiles from which the response is measured, so what a projector does to fine
@@ -60,12 +63,14 @@ def wave_notes(
     ratio = float(np.median(ratios))
     if abs(ratio - 1) <= NOT_PREDICTED:
         return []
-    return [
-        f"projector {images.name}: the waves of its code show {ratio:.2f} times the light that its response "
+    text = (
+        f"the waves of its code show {ratio:.2f} times the light that its response "
         "predicts: it or the player sharpens or scales the picture, or alters it in another way, so what is "
         "lit may be wrong by more than is stated. Switch off sharpness, detail and dynamic contrast, show "
         "pictures pixel by pixel in 8 bits, and photograph again"
-    ]
+    )
+    amount = abs(ratio - 1) / NOT_PREDICTED
+    return [Note("altered pictures", f"projector {images.name}", text, amount)]
 
 
 def _green_light(drive: FloatArray, response: ResponseCurve, mix: Array) -> Image:

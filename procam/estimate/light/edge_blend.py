@@ -6,6 +6,7 @@ import numpy as np
 
 from procam.arrays import BoolArray, Image
 from procam.model.calibration import ProjectorCalibration
+from procam.model.provenance import Note
 
 STEP = 0.04  # of the panel; over it lenses take a tenth at most
 DIM = 0.82  # of the light a step further inside
@@ -16,7 +17,7 @@ SOFT_PX = 3  # the lens's blur takes light from the outermost pixels
 GREEN = 1
 
 
-def edge_blend_notes(projectors: Mapping[str, ProjectorCalibration]) -> list[str]:
+def edge_blend_notes(projectors: Mapping[str, ProjectorCalibration]) -> list[Note]:
     """Notes on projectors whose pixels get dark towards an edge of the panel.
 
     A pixel's light is its gain times its solid angle, which does not depend on where it lands. The gains
@@ -35,11 +36,12 @@ def edge_blend_notes(projectors: Mapping[str, ProjectorCalibration]) -> list[str
             if share < min(DIM, further**STEEPER)
         ]
         if dim:
-            notes.append(
-                f"projector {name}: its pixels get darker towards the edge of its picture "
-                f"({', '.join(dim)}); an edge blend in its menu or in the player seems to be on. procam "
-                "blends by itself: switch it off and calibrate again"
+            text = (
+                f"its pixels get darker towards the edge of its picture ({', '.join(dim)}); an edge blend in "
+                "its menu or in the player seems to be on. procam blends by itself: switch it off and "
+                "calibrate again"
             )
+            notes.append(Note("edge blend", f"projector {name}", text, float(len(dim))))
     return notes
 
 

@@ -21,6 +21,7 @@ from procam.arrays import Array, BoolArray
 from procam.errors import OutOfModelRange
 from procam.estimate.light.model_room import Below, ModelRoom, below_rim
 from procam.estimate.light.scatter_kernel import ScatterSample
+from procam.model.provenance import Note
 from procam.model.screen import Dome
 
 ROUNDS = 3
@@ -239,7 +240,7 @@ def _difference_sigma(dome: Dome, at: FloorAt) -> float:
     return float(np.hypot(max(dome.floor_albedo_sigma, MIN_SIGMA), at.sigma))
 
 
-def flux_notes(measured: FloorLight) -> list[str]:
+def flux_notes(measured: FloorLight) -> list[Note]:
     """A note for the report if direct and scattered light of the pictures contradict each other.
 
     Raises
@@ -255,25 +256,25 @@ def flux_notes(measured: FloorLight) -> list[str]:
             f"than {MAX_INCONSISTENT:.0%}: some photographs are not of the pictures that were to be shown. "
             "Check that no projector was mirrored, blanked or exchanged meanwhile, and photograph again"
         )
-    return [
+    text = (
         f"direct and scattered light of pictures disagree by {measured.flux_inconsistency:.0%}, more than "
         "paint's gloss explains, so m and albedo are hardly known: check vignetting and black_level"
-    ]
+    )
+    return [Note("flux disagrees", "", text, measured.flux_inconsistency / INCONSISTENT)]
 
 
-def floor_notes(dome: Dome, measured: FloorLight) -> list[str]:
+def floor_notes(dome: Dome, measured: FloorLight) -> list[Note]:
     """A note for the report if the measured albedo of a floor at the rim contradicts venue.toml."""
     at_rim, nearest = measured.depths[0], min(_discrepancy(dome, at) for at in measured.depths)
     if _discrepancy(dome, at_rim) < MAX_DISCREPANCY:
         return []
-    if nearest < MAX_DISCREPANCY:
-        return [
-            f"floor_albedo is {dome.floor_albedo:g} +- {dome.floor_albedo_sigma:g} in venue.toml, which the "
-            "light agrees with if the floor lies well below the dome's rim; if it does not, it is "
-            f"{at_rim.albedo:.2f} +- {at_rim.sigma:.2f}: compare it with a grey card"
-        ]
-    return [
-        f"floor_albedo is {dome.floor_albedo:g} +- {dome.floor_albedo_sigma:g} in venue.toml, but "
-        f"{at_rim.albedo:.2f} +- {at_rim.sigma:.2f} by the light that the floor returns; only the "
-        "albedo of the screen depends on it"
-    ]
+    stated = f"floor_albedo is {dome.floor_albedo:g} +- {dome.floor_albedo_sigma:g} in venue.toml"
+    found = f"{at_rim.albedo:.2f} +- {at_rim.sigma:.2f}"
+    text = (
+        f"{stated}, which the light agrees with if the floor lies well below the dome's rim; if it does not, "
+        f"it is {found}: compare it with a grey card"
+        if nearest < MAX_DISCREPANCY
+        else f"{stated}, but {found} by the light that the floor returns; only the albedo of the screen "
+        "depends on it"
+    )
+    return [Note("floor albedo", "", text, _discrepancy(dome, at_rim) / MAX_DISCREPANCY)]

@@ -26,6 +26,7 @@ from procam.estimate.light.spots import hidden_notes
 from procam.estimate.light.stability import StabilityChecks
 from procam.maths.warp import grow, sample
 from procam.model.mask import Mask
+from procam.model.provenance import Note
 
 GREEN = 1
 # departures from exponent 1: a tone curve, refused first; then what is refused if light held still
@@ -82,14 +83,15 @@ def _check_blur(blur: float, name: str) -> None:
         )
 
 
-def _sharpening_notes(overshoot: float, name: str) -> list[str]:
+def _sharpening_notes(overshoot: float, name: str) -> list[Note]:
     if overshoot <= OVERSHOOT:
         return []
-    return [
-        f"projector {name}: its stripes are {overshoot:.0%} brighter beside their edges than further inside; "
-        "the camera or the projector sharpens its picture, so directions may be off by more than is stated. "
-        "Switch that off, or photograph raw"
-    ]
+    text = (
+        f"its stripes are {overshoot:.0%} brighter beside their edges than further inside; the camera or the "
+        "projector sharpens its picture, so directions may be off by more than is stated. Switch that off, "
+        "or photograph raw"
+    )
+    return [Note("sharpening", f"projector {name}", text, overshoot / OVERSHOOT)]
 
 
 @dataclass(frozen=True, slots=True)

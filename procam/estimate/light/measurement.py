@@ -10,6 +10,7 @@ from procam.estimate.light.projector_response import ColourFit
 from procam.estimate.light.scatter_kernel import ScatterSample
 from procam.estimate.light.separation import SeparatedLight
 from procam.model.photometry import ResponseCurve
+from procam.model.provenance import Note
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +32,7 @@ class ProjectorMeasurement:
     response: ResponseCurve
     scatter_samples: Sequence[ScatterSample] = ()
     exponent: Image | None = None
-    notes: Sequence[str] = ()
+    notes: Sequence[Note] = ()
     moved_px: float = 0.0
 
     @property

@@ -13,6 +13,7 @@ from procam.estimate.geometry.camera_view import DomeView
 from procam.estimate.light.bands import find_bands
 from procam.maths.statistics import robust_sigma
 from procam.maths.warp import blur_within, grow
+from procam.model.provenance import Note
 
 ROUNDS, OUTLIER_SIGMAS = 6, 3.0
 SMOOTH_PX = 2.0
@@ -27,7 +28,7 @@ LEAST_SHARE = 5e-4  # of the screen
 GREEN = 1
 
 
-def spot_notes(per_flux: Image, view: DomeView) -> list[str]:
+def spot_notes(per_flux: Image, view: DomeView) -> list[Note]:
     """Notes on spots and bands in the scatter per flux (H, W, C) of the screen in `view`; normally none."""
     light = per_flux[..., GREEN]
     use = view.on_screen & (light > 0)
@@ -47,14 +48,15 @@ def spot_notes(per_flux: Image, view: DomeView) -> list[str]:
         share = float(view.solid_angle_sr[found].sum() / view.solid_angle_sr.sum())
         if share > LEAST_SHARE:
             size = float(np.abs(np.expm1(departure[found])).max())
-            notes.append(
+            text = (
                 f"scattered light is up to {size:.0%} {what} than around it on {share:.1%} of the screen, "
                 f"{_place(view, found)}: {cause}"
             )
+            notes.append(Note(f"{what} spot", "", text, share / LEAST_SHARE))
     return notes
 
 
-def hidden_notes(name: str, white: Image, unknown: BoolArray, view: DomeView) -> list[str]:
+def hidden_notes(name: str, white: Image, unknown: BoolArray, view: DomeView) -> list[Note]:
     """A note on a place within a projector's picture that shows hardly any of its light; normally none.
 
     Scattered light is not measured there, so `spot_notes` cannot see it.
@@ -73,10 +75,11 @@ def hidden_notes(name: str, white: Image, unknown: BoolArray, view: DomeView) ->
         beside = grow(found, AROUND_PX + EDGE_PX) & ~grow(found, 2 * EDGE_PX) & view.on_screen
         light = white[..., GREEN]
         if np.nanmedian(light[found]) < DARK_SHARE * np.nanmedian(light[beside]):
-            return [
-                f"projector {name}: {share:.1%} of the screen is too dark within its picture to measure its "
-                f"light, {_place(view, found)}: {DARK_CAUSE}"
-            ]
+            text = (
+                f"{share:.1%} of the screen is too dark within its picture to measure its light, "
+                f"{_place(view, found)}: {DARK_CAUSE}"
+            )
+            return [Note("hidden place", f"projector {name}", text, share / LEAST_SHARE)]
     return []
 
 

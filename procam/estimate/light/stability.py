@@ -15,6 +15,7 @@ from procam.arrays import Array, BoolArray, FloatArray, Image, IndexArray
 from procam.errors import OutOfModelRange
 from procam.maths.statistics import robust_sigma
 from procam.maths.warp import block_mean
+from procam.model.provenance import Note
 
 MAX_PIXELS = 20_000
 ROUNDS = 4  # of the regressions; each leaves outliers out
@@ -178,7 +179,7 @@ class StabilityChecks:
         """The largest significant shift of the camera's picture [px]."""
         return max((s.shift_px for s in self.sums if _has_moved(s)), default=0.0)
 
-    def notes(self, projector: str) -> list[str]:
+    def notes(self, projector: str) -> list[Note]:
         """Notes for the report on changes that the calibration tolerates.
 
         Raises
@@ -186,7 +187,7 @@ class StabilityChecks:
         OutOfModelRange
             If the room's light or the projector's changed too much for the separation of light.
         """
-        notes = []
+        notes, subject = list[Note](), f"projector {projector}"
         for kind, noted, largest, advice in (
             ("room", NOTED_ROOM, MAX_ROOM, ROOM_ADVICE),
             ("drift", NOTED_DRIFT, MAX_DRIFT, DRIFT_ADVICE),
@@ -197,24 +198,26 @@ class StabilityChecks:
             size = getattr(worst, kind)
             if abs(size) <= max(SIGNIFICANT_SIGMAS * worst.sigma, noted):
                 continue
-            note = advice.format(projector, worst.shots, size)
+            note = Note(kind, subject, advice.format(worst.shots, size), abs(size) / noted)
             if abs(size) > largest:
                 raise OutOfModelRange(
                     f"{note}; at most {largest:.1%} is usable, photograph it again"
                 )
             notes.append(note)
-        return notes + self._movement_notes(projector)
+        return notes + self._movement_notes(subject)
 
-    def _movement_notes(self, projector: str) -> list[str]:
-        notes = []
+    def _movement_notes(self, subject: str) -> list[Note]:
+        notes = list[Note]()
         moved = max(self.sums, key=lambda s: s.shift_px * _has_moved(s), default=None)
         if moved is not None and _has_moved(moved):
-            notes.append(MOVED_ADVICE.format(projector, moved.shots, moved.shift_px))
+            text = MOVED_ADVICE.format(moved.shots, moved.shift_px)
+            notes.append(Note("moved", subject, text, moved.shift_px / NOTED_SHIFT))
         # a camera that moved changes what is seen at every border
         still = [s for s in self.sums if not _has_moved(s)]
         changed = max(still, key=lambda s: s.changed, default=None)
         if changed is not None and changed.changed > NOTED_CHANGE:
-            notes.append(CHANGED_ADVICE.format(projector, changed.shots, changed.changed))
+            text = CHANGED_ADVICE.format(changed.shots, changed.changed)
+            notes.append(Note("obstruction", subject, text, changed.changed / NOTED_CHANGE))
         return notes
 
 
@@ -223,18 +226,18 @@ def _has_moved(total: PatternSum) -> bool:
 
 
 ROOM_ADVICE = (
-    "projector {}: light of the room changed while it was photographed (a door, a lamp, dusk): the "
+    "light of the room changed while it was photographed (a door, a lamp, dusk): the "
     "pictures {} together differ from white by {:+.2%} of it over the whole picture"
 )
 DRIFT_ADVICE = (
-    "projector {}: its light, or the camera's gain, drifted while it was photographed (lamp warming up, "
+    "its light, or the camera's gain, drifted while it was photographed (lamp warming up, "
     "automatic brightness or exposure): the pictures {} together differ from white by {:+.2%} of it"
 )
 MOVED_ADVICE = (
-    "projector {}: the camera or the projector moved: the pictures {} are {:.2f} camera pixels beside white; "
+    "the camera or the projector moved: the pictures {} are {:.2f} camera pixels beside white; "
     "standard errors of directions include that, photograph again for better ones"
 )
 CHANGED_ADVICE = (
-    "projector {}: someone or something moved before the screen: the pictures {} together are not white on "
+    "someone or something moved before the screen: the pictures {} together are not white on "
     "{:.1%} of it; keep everybody out of the dome and photograph again"
 )

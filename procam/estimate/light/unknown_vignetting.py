@@ -10,6 +10,7 @@ import numpy as np
 from procam.arrays import Image
 from procam.estimate.geometry.camera_view import DomeView
 from procam.maths.geometry.lenses import unproject
+from procam.model.provenance import Note
 
 # rms over the screen of what an unknown lens takes: 0.04 by a fisheye that leaves 85 % at 90 degrees
 USUAL = 0.04
@@ -31,19 +32,20 @@ def unknown_vignetting(per_flux: Image, view: DomeView) -> float:
     return max(USUAL, abs(_fall(per_flux, view)[1]))
 
 
-def vignetting_notes(per_flux: Image, view: DomeView) -> list[str]:
+def vignetting_notes(per_flux: Image, view: DomeView) -> list[Note]:
     """A note that the lens has no vignetting in venue.toml, with the size of its effect."""
     rms = unknown_vignetting(per_flux, view)
     if not rms:
         return []
     edge, camera = _fall(per_flux, view)[0], view.camera.name
     seen = f"falls by {edge:.0%}" if edge > 0 else "does not fall"
-    return [
-        f"camera {camera}: venue.toml has no vignetting of its lens, and scattered light {seen} towards the "
+    text = (
+        f"venue.toml has no vignetting of its lens, and scattered light {seen} towards the "
         f"edge of its picture; gains and black carry it, by about {rms:.0%} and most at the edge, and the "
         "standard errors of m and albedo include it. Measure it with `procam lens vignetting`; [0] is "
         "for a lens that was found to have none"
-    ]
+    )
+    return [Note("vignetting unknown", f"camera {camera}", text, rms / USUAL)]
 
 
 def _fall(per_flux: Image, view: DomeView) -> tuple[float, float]:

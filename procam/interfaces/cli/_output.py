@@ -20,6 +20,7 @@ from procam.files.system import open_here
 
 if TYPE_CHECKING:
     from procam.model.calibration import Calibration
+    from procam.model.provenance import Note
     from procam.model.quality import Figure
     from procam.workflows.events import Event, Result, Steps
     from procam.workflows.playout.compensate import CompensatedClip
@@ -52,16 +53,16 @@ class Output:
 
     def notes(self, calibration: "Calibration", compared: Sequence[str]) -> list[str]:
         """Print the warnings of a solve and of its comparison, one per line, and return them."""
-        lines = [*(str(line) for line in calibration.provenance.get("notes", ())), *compared]
+        lines = [*calibration.provenance.note_lines, *compared]
         for line in lines:
             self.say(f"note: {line}")
         return lines
 
-    def warn(self, notes: Sequence[str]) -> None:
+    def warn(self, notes: "Sequence[Note | str]") -> None:
         """Print notes to stderr, where scripts see them too."""
         for note in notes:
             self._keep(f"note: {note}")
-            sys.stderr.write(f"note: {plain(note)}\n")
+            sys.stderr.write(f"note: {plain(str(note))}\n")
 
     def _keep(self, text: str) -> None:
         if self._log:

@@ -9,6 +9,7 @@ import typer
 from procam.errors import FileFormatError
 from procam.files.calibration import load_calibration
 from procam.files.images.layers import read_channels
+from procam.files.provenance import provenance_entry
 from procam.files.session import Session
 from procam.interfaces.cli._options import Json
 from procam.interfaces.cli._output import Output
@@ -64,7 +65,7 @@ def _calibration(path: Path) -> dict[str, Any]:
         **rounded,
         "states": list(calibration.states),
         **{name: figure.value for name, figure in calibration.quality.items()},
-        "provenance": dict(calibration.provenance),
+        "provenance": provenance_entry(calibration.provenance),
     }
 
 

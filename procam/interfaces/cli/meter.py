@@ -82,7 +82,7 @@ def meter(
 
 def _kept(venue: Path, known: Calibration, found: AbsoluteLight, readings: Path) -> Path:
     """Write the calibration with what the meter has read, the newest of its venue, and use it."""
-    provenance = {**known.provenance, "meter": _provenance(found, readings)}
+    provenance = replace(known.provenance, meter=_provenance(found, readings))
     out = next_directory(venue)
     save_calibration(replace(known, absolute=found.colour, provenance=provenance), out)
     use_calibration(venue, out)

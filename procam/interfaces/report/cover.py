@@ -2,6 +2,7 @@
 
 import platform
 from collections.abc import Iterator, Mapping
+from dataclasses import fields
 from datetime import datetime
 from importlib.metadata import version
 from typing import Any
@@ -67,7 +68,7 @@ def facts(material: Material) -> Iterator[tuple[str, str]]:
             yield f"Projector {name}", _device(projector)
     if material.calibration:
         yield "Checked from another seat", _checked(material)
-        yield "Calibrated with", _versions(material.calibration.provenance.get("versions", {}))
+        yield "Calibrated with", _versions(material.calibration.provenance.versions)
     yield "Report written with", f"procam {version('procam')}, Python {platform.python_version()}"
 
 
@@ -111,16 +112,17 @@ def provenance(material: Material) -> Iterator[tuple[str, str]]:
         yield f"Camera {name}", f"{camera.size[0]} x {camera.size[1]} px, {camera.sensor.bits} bits"
     for name, projector in calibration.projectors.items():
         yield f"Projector {name}", f"{projector.model.size[0]} x {projector.model.size[1]} px"
-    for key, value in calibration.provenance.items():
-        if key != "by_hand" and (text := _origin_text(value)):  # that has a section of its own
-            yield ORIGINS.get(key, key.replace("_", " ").capitalize()), text
+    for each in fields(calibration.provenance):
+        text = _origin_text(getattr(calibration.provenance, each.name))
+        if each.name != "by_hand" and text:  # that has a section of its own
+            yield ORIGINS.get(each.name, each.name.replace("_", " ").capitalize()), text
 
 
 def _origin_text(value: Any) -> str:
     """An entry of the provenance in one line."""
     if isinstance(value, Mapping):
         return ", ".join(f"{k} {v}" for k, v in value.items())
-    if isinstance(value, list):
+    if isinstance(value, list | tuple):
         return ", ".join(map(str, value))
     return str(value)
 

@@ -118,8 +118,8 @@ class Material:
     @property
     def is_simulated(self) -> bool:
         """Whether light and photographs were computed."""
-        known = self.calibration.provenance if self.calibration else {}
-        return self.truth is not None or SIMULATED in known.get("backends", ())
+        known = self.calibration.provenance.backends if self.calibration else ()
+        return self.truth is not None or SIMULATED in known
 
     def coverage(self, size: int) -> Image:
         """Share (N, N) of each direction that a projector can light."""
@@ -233,7 +233,7 @@ def _loop(
     stored = read_loop(folder / "loop.json")
     if stored is None or not all((folder / f"{n}.exr").is_file() for n in names):
         return None, {}
-    session = calibration.provenance.get("session") if calibration else None
+    session = calibration.provenance.session if calibration else None
     if stored.session not in (None, session):
         return None, {}
     return stored, {n: _picture(folder / f"{n}.exr") for n in names}

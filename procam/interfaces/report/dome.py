@@ -108,7 +108,7 @@ def _true_errors(material: Material, name: str) -> Array | None:
 
 
 def _geometry(calibration: Calibration) -> Iterator[Block]:
-    for note in calibration.provenance.get("notes", ()):
+    for note in calibration.provenance.notes:
         yield Text(f"Note: {note}.")
     residual = calibration.quality.get("geometry_residual_rms_px")
     if residual is not None:

@@ -19,7 +19,7 @@ PROTECTED_WORDS = ("compensated", "protected", "no projector reaches")
 
 def by_hand(material: Material) -> Iterator[Block]:
     """Masks, protected parts and nudges of the newest calibration; empty without them."""
-    manual = material.calibration.provenance.get("by_hand", {}) if material.calibration else {}
+    manual = material.calibration.provenance.by_hand if material.calibration else {}
     if not manual:
         return
     yield Text(

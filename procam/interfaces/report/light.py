@@ -247,7 +247,7 @@ def _gain_since(earlier: Path, material: Material, name: str) -> Array | None:
     newest = material.calibration
     session, _ = calibration_figures(earlier / "calibration.json")
     path = earlier / "maps" / f"{name}.exr"
-    if newest is None or session != newest.provenance.get("session", "") or not path.is_file():
+    if newest is None or session != newest.provenance.session or not path.is_file():
         return None
     old = read_layers(path)["gain"].sum(axis=-1, dtype=float)
     new = newest.projectors[name].photometry.gain.sum(axis=-1, dtype=float)

@@ -134,7 +134,7 @@ def photographer_of(
             yield DrivenPhotographer(opened(), calibration, settle_s)
         return
     camera = calibration.camera
-    session = Session(venue.directory / "sessions" / str(calibration.provenance.get("session")))
+    session = Session(venue.directory / "sessions" / calibration.provenance.session)
     with hand_photographer(venue, camera, session, work, of, given) as photographer:
         yield photographer
 

@@ -1,8 +1,6 @@
 """One projector solved anew from a session, in a rig of which all else stays."""
 
-import re
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,6 +17,7 @@ from procam.files.session import Session
 from procam.files.venue.load import Venue
 from procam.files.venue.masks import nudges, projector_masks
 from procam.model.calibration import Calibration
+from procam.model.provenance import Note
 from procam.workflows.capture.session_images import SessionImages
 from procam.workflows.main_camera import light_radiometer, screen_view
 from procam.workflows.solve.decode import Decoded, decode_projector
@@ -26,7 +25,7 @@ from procam.workflows.solve.geometry import rig_problem
 from procam.workflows.solve.light import light_of
 from procam.workflows.solve.long_exposure import with_long_exposure
 from procam.workflows.solve.plausible import check_on_screen
-from procam.workflows.solve.provenance import provenance
+from procam.workflows.solve.provenance import session_provenance
 from procam.workflows.solve.shared_black import never_dark, with_shared_black
 
 
@@ -40,7 +39,7 @@ class Repaired:
     calibration: Calibration
     residual_px: float
     room: Array
-    notes: list[str]
+    notes: list[Note]
 
 
 def solve_again(
@@ -48,13 +47,12 @@ def solve_again(
 ) -> Repaired:
     """Solve one projector from a session; `source` is the session of the calibration."""
     now, before = (_measured(venue, each, old, name) for each in (session, source))
-    about = re.compile(rf"projector {re.escape(name)}(?![\w-])")
-    kept = [note for note in old.provenance.get("notes", ()) if not about.search(str(note))]
-    origin: dict[str, Any] = {
-        **provenance(venue, session),
-        "notes": [*kept, *now.notes],
-        "recalibrated": [*old.provenance.get("recalibrated", []), name],
-    }
+    kept = [note for note in old.provenance.notes if note.subject != f"projector {name}"]
+    origin = replace(
+        session_provenance(venue, session),
+        notes=tuple(dict.fromkeys([*kept, *now.notes])),
+        recalibrated=(*old.provenance.recalibrated, name),
+    )
     lights = (_with_black(venue, before, old, name), _with_black(venue, now, old, name))
     new = with_projector(old, name, now.geometry, now.view, lights, nudges(venue), origin)
     residual = now.geometry.residual_px[now.geometry.main, name]
@@ -70,7 +68,7 @@ class _Measured:
     images: SessionImages
     view: DomeView
     geometry: GeometrySolution
-    notes: list[str]
+    notes: list[Note]
 
 
 def _measured(venue: Venue, session: Session, calibration: Calibration, name: str) -> _Measured:
@@ -109,9 +107,9 @@ def _with_black(
 
 def _placed(
     venue: Venue, images: SessionImages, calibration: Calibration, name: str
-) -> tuple[Decoded, GeometrySolution, list[str]]:
+) -> tuple[Decoded, GeometrySolution, list[Note]]:
     """What the main camera sees of a projector, the rig with that projector solved, and notes."""
-    seen, gathered, notes = {}, {}, list[str]()
+    seen, gathered, notes = {}, {}, list[Note]()
     for camera in calibration.cameras.values():
         own = SessionImages(images.session, images.plan, Radiometer(camera))
         seen[camera.name], gathered[camera.name, name], lines = decode_projector(venue, own, name)

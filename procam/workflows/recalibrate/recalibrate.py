@@ -85,7 +85,7 @@ def recalibrate(
         if not chosen:
             yield Event("solve", 1, 1, "nothing to recalibrate")
             return Recalibrated(None, None, [], notes)
-        source = Session(venue.directory / "sessions" / str(old.provenance.get("session")))
+        source = Session(venue.directory / "sessions" / old.provenance.session)
         session = source.without(next_session(venue), chosen)
         yield from capture(rig(), venue, session)
         ambient = verified.change.ambient
@@ -106,10 +106,11 @@ def _solved(
     for done, name in enumerate(names, start=1):
         repaired = solve_again(venue, source, session, calibration, name)
         calibration = repaired.calibration
-        worse += [*new_notes(old, repaired.notes), *worse_notes(old, repaired, name, ambient)]
+        worse += map(str, new_notes(old, repaired.notes))
+        worse += worse_notes(old, repaired, name, ambient)
         text = f"{name} solved, residual {repaired.residual_px:.3f} px"
         yield Event("solve", done, total, text)
-    worse += new_notes(old, check_calibration(calibration))
+    worse += map(str, new_notes(old, check_calibration(calibration)))
     directory = next_directory(venue.directory)
     save_calibration(calibration, directory)
     use_calibration(venue.directory, used if worse else directory)

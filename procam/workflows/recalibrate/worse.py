@@ -1,6 +1,5 @@
 """Finds what is worse after a repair than before: notes, the fit, and how much a projector lights."""
 
-import math
 import re
 from collections.abc import Sequence
 
@@ -11,51 +10,34 @@ from procam.estimate.calibration import COVERED
 from procam.estimate.light.blend import common_white
 from procam.model.calibration import Calibration
 from procam.model.photometry import CERTAIN
+from procam.model.provenance import Note
 from procam.model.transport import Measured
 from procam.workflows.recalibrate.one_projector import Repaired
 
 WORSE, LEAST_RESIDUAL_PX = 3.0, 0.05
 MOST_LOST = 0.1  # of the lit share of a panel: a projector that is nudged by degrees keeps more
-# a number of a note with its sign and unit, and not of a device's name
-_NUMBER = re.compile(
-    r"(?<![\w.-])(?<!projector )(?<!camera )([+-]?\d+(?:\.\d+)?(?:e[+-]?\d+)?)(%| times)?"
-)
 WHITE_LOST = 0.02  # of the common white; a common white is known to a percent
 DARK = 1e-3  # falloff beyond the lit part, where it may be 0
 LEAST_ROOM = 1e-4  # of white: a twentieth of black
-MUCH_MORE = 2.0  # times the number of before, and by unit how much beyond that
-LEAST_MORE = {"%": 1.0, " times": 0.1, "": 0.1}
+MUCH_MORE = 2.0  # times the amount of before, and as much as is noted
+_DIGITS = re.compile(r"[\d.]+")
 
 
-def new_notes(old: Calibration, notes: Sequence[str]) -> list[str]:
-    """Notes of new photographs that the calibration did not have, or with much smaller numbers.
+def new_notes(old: Calibration, notes: Sequence[Note]) -> list[Note]:
+    """Notes of new photographs that the calibration did not have, or of a much smaller amount.
 
     Each says that a figure is wrong or may be, and the calibration that is to be repaired is not.
     """
-    known = [str(note) for note in old.provenance.get("notes", ())]
+    known = old.provenance.notes
     return [note for note in notes if not any(_is_known(note, each) for each in known)]
 
 
-def _is_known(note: str, before: str) -> bool:
-    """Whether a note says what one before said, of the same device and of numbers no much larger."""
-    if _NUMBER.sub("", note) != _NUMBER.sub("", before):
-        return False
-    both = zip(_NUMBER.findall(note), _NUMBER.findall(before), strict=True)
-    return all(
-        unit == unit_before and _is_no_larger(_size(now, unit), _size(then, unit), LEAST_MORE[unit])
-        for (now, unit), (then, unit_before) in both
-    )
-
-
-def _size(number: str, unit: str) -> float:
-    """How far a number is from saying nothing: 0, or for a factor 1."""
-    value = float(number)
-    return math.log(value) if unit == " times" and value > 0 else value
-
-
-def _is_no_larger(now: float, then: float, least: float) -> bool:
-    along = now * math.copysign(1, then)
-    return -least <= along <= MUCH_MORE * abs(then) + least
+def _is_known(note: Note, before: Note) -> bool:
+    """Whether a note says what one before said, of the same device and of no much larger amount."""
+    if not before.code:  # of a calibration of before notes had one
+        return _DIGITS.sub("", str(note)) == _DIGITS.sub("", str(before))
+    same = (note.code, note.subject) == (before.code, before.subject)
+    return same and note.amount <= MUCH_MORE * before.amount + 1
 
 
 def worse_notes(old: Calibration, repaired: Repaired, name: str, ambient: Measured) -> list[str]:

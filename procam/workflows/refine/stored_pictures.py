@@ -71,7 +71,7 @@ def keep_loop(venue_dir: Path, refined: Refined, content: Image) -> None:
     frames = projector_frames(direct, calibration)
     write_frames(frames, venue_dir / "frames" / "refined")
     curve = {
-        "session": refined.calibration.provenance.get("session"),
+        "session": refined.calibration.provenance.session,
         "residual": refined.residual,
         "noise_floor": refined.noise_floor,
         "left_jnd": refined.left_jnd,

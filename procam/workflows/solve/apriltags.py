@@ -12,6 +12,7 @@ from procam.estimate.structured_light.photo_match import NUMBER
 from procam.files.venue.load import Venue
 from procam.model.optics import USUAL_FAMILY, Distance, Fiducial, tag_name
 from procam.model.plan import Plan, Purpose
+from procam.model.provenance import Note
 from procam.workflows.capture.session_images import SessionImages
 
 # the blacks are exposed long: paper that is too bright in white is not in them
@@ -29,20 +30,19 @@ def tag_marks(venue: Venue, tags_seen: Mapping[str, TagObservations]) -> list[Fi
     return tags.tag_fiducials(venue.tags, tags_seen, venue.cameras)
 
 
-def tag_notes(venue: Venue, plan: Plan, tags_seen: Mapping[str, TagObservations]) -> list[str]:
-    """Warnings on the tags, one per line."""
+def tag_notes(venue: Venue, plan: Plan, tags_seen: Mapping[str, TagObservations]) -> list[Note]:
+    """Notes on the tags."""
     shown = _shown(plan)
-    lines = [
-        f"{tag.name}: the pictures of this session carry that number, so it is no mark; "
-        "print another number or family"
-        for tag in venue.tags
-        if tag.name in shown
-    ]
+    text = "the pictures of this session carry that number, so it is no mark; print another number or family"
+    notes = [Note("tag is a number", tag.name, text) for tag in venue.tags if tag.name in shown]
     others = [tag for tag in venue.tags if tag.name not in shown]
-    lines += tags.tag_notes(others, tags_seen)
+    notes += tags.tag_notes(others, tags_seen)
     known = known_distances(venue, tag_marks(venue, tags_seen))
-    left_out = [d for d in venue.distances if d not in known]
-    return lines + [f"the distance from {d.a} to {d.b} is left out" for d in left_out]
+    return notes + [
+        Note("distance left out", "", f"the distance from {d.a} to {d.b} is left out")
+        for d in venue.distances
+        if d not in known
+    ]
 
 
 def known_distances(venue: Venue, marks: Sequence[Fiducial]) -> list[Distance]:

@@ -16,7 +16,7 @@ from procam.workflows.solve.measure_session import measure_session
 from procam.workflows.solve.measurements import MeasurementsOnDisk
 from procam.workflows.solve.plausible import noted
 from procam.workflows.solve.predecessor import compare_with_predecessor
-from procam.workflows.solve.provenance import provenance
+from procam.workflows.solve.provenance import session_provenance
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +31,7 @@ def solve(venue: Venue, session: Session) -> Steps[Solved]:
     """Decode, solve the geometry, split the light, fit the projectors, write a calibration.
 
     Geometry from all cameras; light from the one that sees most. Of a media server only the cameras
-    are solved. Warnings are in the calibration's provenance as "notes".
+    are solved. Warnings are notes of the calibration's provenance.
     """
     with recorded(venue.directory, "session solve"):
         return (yield from _solve(venue, session))
@@ -49,11 +49,11 @@ def _solve(venue: Venue, session: Session) -> Steps[Solved]:
 
 def _written(venue: Venue, session: Session, total: int) -> Steps[Path]:
     """The folder of the new calibration, of which nothing stays in memory."""
-    origin = provenance(venue, session)  # first of all, for it finds what is wrong with masks
+    origin = session_provenance(venue, session)  # first of all: it finds what is wrong with masks
     venue = with_decoded_bits(venue, session)
     with MeasurementsOnDisk(venue.directory) as measured:
         seen = yield from measure_session(venue, session, measured, total)
-        origin["notes"] = seen.notes
+        origin = replace(origin, notes=tuple(seen.notes))
         rest = nudges(venue), origin, venue.table.blend.falloff_per_rad
         calibration = assemble(seen.dome, seen.geometry, seen.view, measured, *rest)
     if seen.rig.server:  # content is drawn as the server plays it

@@ -19,6 +19,7 @@ from procam.files.venue.load import Venue
 from procam.files.venue.masks import camera_masks, projector_masks
 from procam.model.correspondence import CorrespondenceMap
 from procam.model.optics import CameraModel
+from procam.model.provenance import Note
 from procam.workflows.capture.session_images import SessionImages
 from procam.workflows.solve.direct_light import check_decoded, stripe_light
 
@@ -52,7 +53,7 @@ class DecodedPixels:
     map: CorrespondenceMap
     window: tuple[slice, slice]
     direct: DirectLight
-    notes: list[str]
+    notes: list[Note]
 
 
 def decode_bytes(camera: CameraModel) -> float:
@@ -62,7 +63,7 @@ def decode_bytes(camera: CameraModel) -> float:
 
 def decode_projector(
     venue: Venue, images: SessionImages, name: str
-) -> tuple[Decoded, Observations, list[str]]:
+) -> tuple[Decoded, Observations, list[Note]]:
     """What a camera sees of a projector, pixel by pixel and by patches of the panel; and notes."""
     pixels = decode_pixels(venue, images, name)
     camera, seen = images.radiometer.camera, images.radiometer.seen

@@ -12,6 +12,7 @@ from procam.estimate.geometry.start import MIN_OBSERVATIONS, ProjectorPrior
 from procam.files.venue.load import Venue
 from procam.maths.geometry.ray_to_screen import RoundShape
 from procam.model.optics import Fiducial
+from procam.model.provenance import Note
 from procam.workflows.solve.apriltags import known_distances
 
 # departures of a lens from its prior: beyond the first they are named; beyond the second, 3.5 %, the prior
@@ -40,8 +41,8 @@ def rig_problem(
     )
 
 
-def solve_rig(problem: RigProblem) -> tuple[GeometrySolution, str, list[str]]:
-    """The solved rig, a verdict on the screen's shape, and warnings, one per line.
+def solve_rig(problem: RigProblem) -> tuple[GeometrySolution, str, list[Note]]:
+    """The solved rig, a verdict on the screen's shape, and notes.
 
     Raises
     ------
@@ -57,12 +58,12 @@ def solve_rig(problem: RigProblem) -> tuple[GeometrySolution, str, list[str]]:
     rough = found.sphere_systematic_ratio >= MAX_SPHERE_RATIO
     notes += fiducial_notes(found.rig, problem.fiducials, rough=rough)
     verdict, guilty = _verdict(found), find_causes(problem, found)
-    if rough and not guilty:
-        notes.append(verdict)
-    return found, verdict, [*notes, *_lens_notes(problem, found), *guilty]
+    causes = guilty or ([verdict] if rough else [])
+    notes += [*_lens_notes(problem, found), *(Note("misfit", "", cause) for cause in causes)]
+    return found, verdict, notes
 
 
-def _lens_notes(problem: RigProblem, found: GeometrySolution) -> list[str]:
+def _lens_notes(problem: RigProblem, found: GeometrySolution) -> list[Note]:
     """Cameras whose solved focal length contradicts the prior, which still pulls directions and light.
 
     Raises
@@ -81,7 +82,7 @@ def _lens_notes(problem: RigProblem, found: GeometrySolution) -> list[str]:
         if abs(share) > REFUSED_SIGMAS * prior[0]:
             raise CalibrationError(line)
         if abs(share) > PRIOR_SIGMAS * prior[0]:
-            notes.append(line)
+            notes.append(Note("lens contradicts", "", line, abs(share) / prior[0]))
     return notes
 
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 from procam.estimate.camera.veil import bounded_glare, darkest_share, glare_notes
 from procam.estimate.geometry.solve import GeometrySolution
+from procam.model.provenance import Note
 from procam.workflows.capture.session_images import SessionImages
 
 GREEN = 1
@@ -11,7 +12,7 @@ GREEN = 1
 
 def with_bounded_glare(
     images: SessionImages, geometry: GeometrySolution
-) -> tuple[GeometrySolution, list[str]]:
+) -> tuple[GeometrySolution, list[Note]]:
     """The solved rig, whose main camera has no better known glare than its pictures allow; and notes."""
     camera, seen = geometry.camera, images.radiometer.seen
     darkest = 1.0

@@ -12,6 +12,7 @@ from procam.arrays import Image
 from procam.errors import OutOfModelRange
 from procam.estimate.camera.checks import exposure_ratio
 from procam.model.plan import Shot
+from procam.model.provenance import Note
 from procam.workflows.capture.session_images import LONG, Counts, SessionImages
 
 GREEN = 1
@@ -26,7 +27,7 @@ BLACK_NOTED = (
 )
 
 
-def with_long_exposure(images: SessionImages) -> tuple[SessionImages, list[str]]:
+def with_long_exposure(images: SessionImages) -> tuple[SessionImages, list[Note]]:
     """Images rescaled to the measured exposure time, and a warning if it differs.
 
     Where it cannot be measured, the warning is that it is not checked.
@@ -41,36 +42,42 @@ def with_long_exposure(images: SessionImages) -> tuple[SessionImages, list[str]]
         return images, []
     shot, camera = images.dim(), images.radiometer.camera.name
     if shot is None:
-        return images, [
-            f"{planned[0].id}, the dim picture at the end, was not photographed: whether the camera moved "
-            "between projectors, and how long black was exposed, is not checked"
-        ]
+        text = (
+            "the dim picture at the end, was not photographed: whether the camera moved between projectors, "
+            "and how long black was exposed, is not checked"
+        )
+        return images, [Note("not checked", "", f"{planned[0].id}, {text}")]
     if len(shot.exposures_s) == 1:
         return images, []
     ratio, sigma = _ratio(images, shot)
     if np.isnan(ratio):
-        return images, [
+        text = (
             f"{shot.id}: the dim picture at the end is too dark at {shot.exposures_s[0]:g} s, so how long "
             "black was exposed is not checked"
-        ]
+        )
+        return images, [Note("not checked", "", text)]
     if abs(ratio - 1) <= max(NOTED, CERTAIN * sigma):
         return images, []
     found = (
-        f"camera {camera}: photographs of {shot.exposures_s[1]:g} s were exposed {ratio:.3g} times as long, "
+        f"photographs of {shot.exposures_s[1]:g} s were exposed {ratio:.3g} times as long, "
         f"by the light of {shot.id}"
     )
     if not LEAST < ratio < MOST:
         raise OutOfModelRange(
-            f"{found}; are both photographs of that picture? Photograph it again, with a "
+            f"camera {camera}: {found}; are both photographs of that picture? Photograph it again, with a "
             "black_exposure_s that the camera can do"
         )
-    return replace(images, long_exposure=ratio), [
+    text = (
         f"{found}; black is rescaled to that. Check the longest exposure that the camera can "
         "do, and [capture] black_exposure_s"
+    )
+    amount = abs(np.log(ratio)) / NOTED
+    return replace(images, long_exposure=ratio), [
+        Note("long exposure", f"camera {camera}", text, float(amount))
     ]
 
 
-def black_notes(images: SessionImages, name: str) -> list[str]:
+def black_notes(images: SessionImages, name: str) -> list[Note]:
     """A note if a projector's black is not as bright at white's exposure as at its own.
 
     Nothing is said of black that does not show at white's exposure, as it is below 1/5000 of white.
@@ -81,10 +88,13 @@ def black_notes(images: SessionImages, name: str) -> list[str]:
     ratio, sigma = _ratio(images, shot)
     if not abs(ratio - 1) > max(BLACK_NOTED, CERTAIN * sigma):
         return []
-    return [
-        f"projector {name}: its black is {ratio:.3g} times as bright at {shot.exposures_s[0]:g} s as at "
+    text = (
+        f"its black is {ratio:.3g} times as bright at {shot.exposures_s[0]:g} s as at "
         f"{shot.exposures_s[1]:g} s; the exposure time of a photograph of black or of the dark "
         "differs from its file's, or stray light got in. Photograph again; until then black is wrong"
+    )
+    return [
+        Note("black exposure", f"projector {name}", text, float(abs(np.log(ratio)) / BLACK_NOTED))
     ]
 
 

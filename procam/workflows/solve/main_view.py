@@ -10,6 +10,7 @@ from procam.estimate.light.measurement import ProjectorMeasurement
 from procam.files.venue.load import Venue
 from procam.files.venue.masks import projector_masks
 from procam.memory import return_buffers
+from procam.model.provenance import Note
 from procam.model.screen import Dome
 from procam.workflows.capture.session_images import SessionImages
 from procam.workflows.main_camera import light_radiometer, screen_view
@@ -35,7 +36,7 @@ class MainView:
     images: SessionImages
     view: DomeView
     measure: Callable[[str], ProjectorMeasurement]
-    notes: list[str]
+    notes: list[Note]
 
     def measure_into(
         self, measured: MutableMapping[str, ProjectorMeasurement], names: Sequence[str]

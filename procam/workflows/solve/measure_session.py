@@ -8,6 +8,7 @@ from procam.estimate.geometry.solve import GeometrySolution
 from procam.estimate.light.measurement import ProjectorMeasurement
 from procam.files.session import Session
 from procam.files.venue.load import Venue
+from procam.model.provenance import Note
 from procam.model.screen import Dome
 from procam.workflows.events import Event, Steps
 from procam.workflows.solve.main_view import main_view
@@ -24,7 +25,7 @@ class MeasuredSession:
     geometry: GeometrySolution
     view: DomeView
     black: BlackLight
-    notes: list[str]
+    notes: list[Note]
 
 
 def measure_session(

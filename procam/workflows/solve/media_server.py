@@ -19,6 +19,7 @@ from procam.estimate.media_server.dome_master import DomeMaster
 from procam.estimate.media_server.tags import TAG_PICTURES
 from procam.files.venue.load import Venue
 from procam.model.optics import Fiducial
+from procam.model.provenance import Note
 from procam.model.quality import Figure
 from procam.workflows.capture.session_images import SessionImages
 
@@ -51,34 +52,42 @@ def server_rig(
     return geometry
 
 
-def server_notes(venue: Venue, master: DomeMaster, placed: dict[str, PlacedCamera]) -> list[str]:
-    """Warnings on the tags, one per line."""
-    lines = [
-        f"camera {name}: {', '.join(each.dropped)} left out, far from where the others place them"
+def server_notes(venue: Venue, master: DomeMaster, placed: dict[str, PlacedCamera]) -> list[Note]:
+    """Notes on the tags."""
+    far = "{} left out, far from where the others place them"
+    notes = [
+        Note("tags dropped", f"camera {name}", far.format(", ".join(each.dropped)))
         for name, each in placed.items()
         if each.dropped
     ]
-    lines += [
-        f"camera {name}: its lens was solved from the server's tags, which fit a master of another angle as "
-        'well; measure it with `procam lens board` and set intrinsics = "fixed"'
+    free = (
+        "its lens was solved from the server's tags, which fit a master of another angle as well; measure it "
+        'with `procam lens board` and set intrinsics = "fixed"'
+    )
+    notes += [
+        Note("lens by tags", f"camera {name}", free)
         for name in placed
         if venue.table.cameras[name].intrinsics != "fixed"
     ]
     for name, each in placed.items():
         ratio = float(np.mean(each.camera.lens.focal / venue.cameras[name].lens.focal))
         if abs(ratio - 1) > SAME_FOCAL:
-            lines.append(
-                f"camera {name}: f was solved to {ratio:.3f} times the value in venue.toml; if that was "
-                f"right, the master spans {np.degrees(master.fov) * ratio:.0f} degrees and not "
+            text = (
+                f"f was solved to {ratio:.3f} times the value in venue.toml; if that was right, the master "
+                f"spans {np.degrees(master.fov) * ratio:.0f} degrees and not "
                 f"{np.degrees(master.fov):.0f}: the tags alone do not determine it"
             )
+            amount = abs(ratio - 1) / SAME_FOCAL
+            notes.append(Note("lens contradicts", f"camera {name}", text, amount))
     worst = max(each.rms_arcmin for each in placed.values())
     if worst > WELL_ALIGNED_ARCMIN:
-        lines.append(
-            f"projector {master.name}: tags are {worst:.1f} arcmin rms off, more than a well aligned "
-            "server's; it is warped badly, or the camera's lens is not that of venue.toml"
+        text = (
+            f"tags are {worst:.1f} arcmin rms off, more than a well aligned server's; it is warped badly, or "
+            "the camera's lens is not that of venue.toml"
         )
-    return lines
+        amount = worst / WELL_ALIGNED_ARCMIN
+        notes.append(Note("server misaligned", f"projector {master.name}", text, amount))
+    return notes
 
 
 def server_figures(placed: dict[str, PlacedCamera]) -> dict[str, Figure]:

@@ -10,6 +10,7 @@ from procam.errors import CalibrationError
 from procam.estimate.geometry.camera_view import DomeView
 from procam.estimate.geometry.model import Pair
 from procam.model.calibration import Calibration
+from procam.model.provenance import Note
 from procam.workflows.solve.decode import Decoded
 
 # of a projector's decoded pixels: beyond it is noted and refused; some overshoot the rim on purpose
@@ -17,7 +18,7 @@ MUCH_BEYOND, MOST_BEYOND = 0.005, 0.2
 OFF_NOTED, OFF_REFUSED = 0.001, 0.02  # of the lit dome, by the frames of the calibration itself
 
 
-def check_on_screen(view: DomeView, found: Mapping[Pair, Decoded]) -> list[str]:
+def check_on_screen(view: DomeView, found: Mapping[Pair, Decoded]) -> list[Note]:
     """Notes on projectors whose picture lies partly beyond the rim; much of it is refused.
 
     Two marks whose angles are exchanged or mirrored fit as well as the right ones, and turn the dome over.
@@ -40,14 +41,17 @@ def check_on_screen(view: DomeView, found: Mapping[Pair, Decoded]) -> list[str]:
                 "half_angle_deg and tilt_deg"
             )
         if beyond > MUCH_BEYOND:
+            text = (
+                f"{beyond:.1%} of its picture lie beyond the dome's rim and do not count as screen; if they "
+                "do land on the dome, half_angle_deg is too small"
+            )
             notes.append(
-                f"{beyond:.1%} of the picture of {projector} lie beyond the dome's rim and do not count as "
-                "screen; if they do land on the dome, half_angle_deg is too small"
+                Note("beyond the rim", f"projector {projector}", text, beyond / MUCH_BEYOND)
             )
     return notes
 
 
-def check_calibration(calibration: Calibration) -> list[str]:
+def check_calibration(calibration: Calibration) -> list[Note]:
     """Notes on a calibration whose own frames would not make a uniform picture; by much it is refused.
 
     Whatever makes a calibration asks this before it is written: its parts may each look right.
@@ -64,7 +68,7 @@ def check_calibration(calibration: Calibration) -> list[str]:
     )
     if share > OFF_REFUSED:
         raise CalibrationError(f"{text}. {advice}")
-    return [f"{text}. {advice}"] if text else []
+    return [Note("uneven", "", f"{text}. {advice}", share / OFF_NOTED)] if text else []
 
 
 def uneven_picture(calibration: Calibration) -> tuple[float, str]:
@@ -93,5 +97,5 @@ def _check_finite(calibration: Calibration) -> None:
 def noted(calibration: Calibration) -> Calibration:
     """The calibration with what its own picture says of it."""
     known = calibration.provenance
-    notes = [*known["notes"], *check_calibration(calibration)]
-    return replace(calibration, provenance={**known, "notes": notes})
+    notes = (*known.notes, *check_calibration(calibration))
+    return replace(calibration, provenance=replace(known, notes=notes))

@@ -3,15 +3,15 @@
 import hashlib
 import platform
 from importlib.metadata import version
-from typing import Any
 
 from procam.files.bundle.original import PACKAGES
 from procam.files.session import Session
 from procam.files.venue.load import Venue
 from procam.files.venue.masks import manual_edits
+from procam.model.provenance import Provenance
 
 
-def provenance(venue: Venue, session: Session) -> dict[str, Any]:
+def session_provenance(venue: Venue, session: Session) -> Provenance:
     """Versions, the session, a hash over its plan, venue and captures, and what was done by hand."""
     digest = hashlib.sha256()
     digest.update((venue.directory / "venue.toml").read_bytes())  # the one that was solved with
@@ -22,12 +22,11 @@ def provenance(venue: Venue, session: Session) -> dict[str, Any]:
     table = venue.table
     backends = {c.backend for c in table.cameras.values()}
     backends |= {p.backend for p in table.projectors.values()}
-    found = {
-        "session": session.directory.name,
-        "backends": sorted(backends),
-        "input_sha256": digest.hexdigest(),
-        "python": platform.python_version(),
-        "versions": {name: version(name) for name in PACKAGES},
-    }
-    by_hand = manual_edits(venue)
-    return found | ({"by_hand": by_hand} if by_hand else {})
+    return Provenance(
+        session.directory.name,
+        digest.hexdigest(),
+        tuple(sorted(backends)),
+        platform.python_version(),
+        {name: version(name) for name in PACKAGES},
+        by_hand=manual_edits(venue),
+    )

@@ -12,6 +12,7 @@ from procam.estimate.media_server.camera_pose import PlacedCamera
 from procam.estimate.media_server.dome_master import DomeMaster
 from procam.files.session import Session
 from procam.files.venue.load import Venue
+from procam.model.provenance import Note
 from procam.model.quality import Figure
 from procam.workflows.capture.session_images import SessionImages
 from procam.workflows.capture.session_plan import plan_of, server_of
@@ -41,7 +42,7 @@ class SolvedRig:
     geometry: GeometrySolution
     images: SessionImages
     verdict: str
-    notes: list[str]
+    notes: list[Note]
     found: Mapping[Pair, Decoded] = field(default_factory=dict)
     figures: Mapping[str, Figure] = field(default_factory=dict)
     server: DomeMaster | None = None
@@ -66,7 +67,7 @@ def _rig_by_codes(venue: Venue, session: Session, total: int) -> Steps[SolvedRig
     found: dict[Pair, Decoded] = {}
     gathered: dict[Pair, Observations] = {}
     tags_seen: dict[str, TagObservations] = {}
-    odd = list[str]()
+    odd = list[Note]()
     for camera in cameras:
         images = SessionImages(session, plan, Radiometer(cameras[camera]))
         tags_seen[camera] = detect_tags(venue, images)

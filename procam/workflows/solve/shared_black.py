@@ -11,6 +11,7 @@ from procam.estimate.light.shared_black import SharedBlack, fit_shared_black
 from procam.files.venue.load import Venue
 from procam.files.venue.tables import BY_HAND
 from procam.model.calibration import Calibration
+from procam.model.provenance import Note
 from procam.model.quality import Figure
 from procam.workflows.capture.session_images import SessionImages
 
@@ -25,17 +26,18 @@ class BlackLight:
     fit: SharedBlack | None = None
 
     @property
-    def notes(self) -> list[str]:
-        """A line on black, if it had to be estimated."""
+    def notes(self) -> list[Note]:
+        """A note on black, if it had to be estimated."""
         if self.fit is None:
             return []
         error = float((self.fit.sigma / np.maximum(self.fit.total, 1e-12)).mean())
-        return [
+        text = (
             f"black of {', '.join(self.names)}: procam has no shutter to close there, so photographs of the "
             f"dark hold it. The sum of these blacks is estimated from the dark to +-{error:.0%}; light of "
             "the room may be part of it. To measure it give them a control, or photograph by hand, with "
             "lamps off or lenses covered in the dark (procam session plan)"
-        ]
+        )
+        return [Note("shared black", "", text, error)]
 
     def figures(self, calibration: Calibration) -> dict[str, Figure]:
         """Direct light of black of the lit dome, and its standard error."""

@@ -58,7 +58,7 @@ def read_reference(venue: Venue, calibration: Calibration) -> Reference:
     FileFormatError
         They are gone, or are not those of this calibration.
     """
-    name = str(calibration.provenance.get("session"))
+    name = calibration.provenance.session
     session = Session(venue.directory / "sessions" / name)
     if not (session.directory / "plan.json").is_file():
         raise FileFormatError(

@@ -18,6 +18,7 @@ from procam.maths.geometry.canvas import STANDARD
 from procam.model.calibration import Calibration, ProjectorCalibration
 from procam.model.correspondence import ProjectorSurface
 from procam.model.mask import Mask
+from procam.model.provenance import Provenance
 from procam.model.transport import Measured, ScatterKernel
 from procam.model.venue_state import VenueState
 
@@ -119,7 +120,9 @@ class TestRoundTrip:
     def test_saving_that_fails_leaves_nothing(
         self, tmp_path: Path, calibration: Calibration
     ) -> None:
-        unfit = dataclasses.replace(calibration, provenance={"not": {"json": object()}})
+        unfit = dataclasses.replace(
+            calibration, provenance=Provenance(meter={"not": {"json": object()}})
+        )
         with pytest.raises(TypeError):
             save_calibration(unfit, tmp_path / "0001")
         assert list(tmp_path.iterdir()) == []

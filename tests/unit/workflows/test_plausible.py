@@ -42,4 +42,6 @@ def test_frames_that_leave_a_hole_are_noted_and_refused(
         check_calibration(spoilt)
     monkeypatch.setattr(plausible, "OFF_REFUSED", 0.2)  # a picture of this panel has few pixels
     (note,) = check_calibration(spoilt)
-    assert note.startswith("a uniform picture would be off by a tenth or more on 11.1% of the lit")
+    assert str(note).startswith(
+        "a uniform picture would be off by a tenth or more on 11.1% of the lit"
+    )

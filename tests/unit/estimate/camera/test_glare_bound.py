@@ -39,7 +39,9 @@ def test_zero_is_not_known_better_than_the_darkest_place_allows() -> None:
     assert 0.03 < 1.96 * bounded.glare_sigma  # all of it may be veil
     assert bounded_glare(SURE, 1.0).glare_sigma == pytest.approx(MOST * UNIFORM)
     (note,) = glare_notes("zenith", SURE, bounded, 0.03)
-    assert "glare_sigma = 0.0001, but" in note and "darkest place in its pictures has 3.0%" in note
+    assert "glare_sigma = 0.0001, but" in str(
+        note
+    ) and "darkest place in its pictures has 3.0%" in str(note)
 
 
 @pytest.mark.parametrize(

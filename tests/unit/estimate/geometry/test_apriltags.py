@@ -165,23 +165,24 @@ class TestNotes:
 
     def test_missing_tags_share_one_line(self) -> None:
         (line,) = tag_notes(self.LISTED, {"a": TagObservations()})
-        assert line.startswith("tag 7, tag 8 of 25h9: no camera sees it; ")
+        assert str(line).startswith("tag 7, tag 8 of 25h9: no camera sees it; ")
         (line,) = tag_notes(
             self.LISTED, {"a": TagObservations({"tag 7": np.zeros(2)}, set(), {"tag 3"})}
         )
-        assert line.startswith("tag 8 of 25h9: no camera")
+        assert str(line).startswith("tag 8 of 25h9: no camera")
 
     def test_unlisted_tags_are_named_if_no_listed_one_is_found(self) -> None:
         (line,) = tag_notes(
             self.LISTED,
             {"a": TagObservations({}, set(), {"tag 4", "tag 3"}), "b": TagObservations()},
         )
-        assert "but tag 3, tag 4; " in line and "correct family and id" in line
+        assert "but tag 3, tag 4; " in str(line) and "correct family and id" in str(line)
 
     def test_doubled_ones(self) -> None:
         (line,) = tag_notes(self.LISTED[:1], {"a": TagObservations({}, {"tag 7"})})
         assert (
-            line == "tag 7: a sees it at several places and does not use it; take all but one down"
+            str(line)
+            == "tag 7: a sees it at several places and does not use it; take all but one down"
         )
 
 

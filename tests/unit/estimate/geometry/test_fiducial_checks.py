@@ -54,7 +54,7 @@ def test_a_fiducial_that_is_doubtful_is_noted(sigmas: float, named: bool) -> Non
     rig = solve_geometry(DOME.problem(SEEN, fiducials=marks)).rig
     notes = fiducial_notes(rig, marks, rough=False)
     assert len(notes) == named
-    assert all("standard errors from where they fit together best" in note for note in notes)
+    assert all("standard errors from where they fit together best" in str(note) for note in notes)
 
 
 def test_a_springline_that_is_wrong() -> None:

@@ -65,5 +65,7 @@ def test_bands_are_not_called_dirt() -> None:
     view = DomeView(SimpleNamespace(name="zenith"), direction, on_screen, 1.0 * on_screen)
     light = (0.05 * np.exp(bands(5.0, 0.15)) * np.ones((SIZE, SIZE)))[..., None] * np.ones(3)
     (note,) = spot_notes(light.astype(np.float32), view)
-    assert note.startswith("camera zenith: rows of its photographs are brighter and darker in turn")
-    assert re.search(r"by 1[45]\.\d%, about 5 bands .+ set exposure_s", note), note
+    assert str(note).startswith(
+        "camera zenith: rows of its photographs are brighter and darker in turn"
+    )
+    assert re.search(r"by 1[45]\.\d%, about 5 bands .+ set exposure_s", str(note)), note

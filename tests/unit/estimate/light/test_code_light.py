@@ -70,11 +70,11 @@ def test_waves_are_as_bright_as_the_response_predicts(
     sight: Any = SimpleNamespace(xy=panel, base=ROOM * every, unpatterned=unpatterned)
     notes = wave_notes(photographs(factor, colour), sight, found)
     assert len(notes) == noted
-    assert all(f"show {factor:.2f} times the light that its response" in n for n in notes)
+    assert all(f"show {factor:.2f} times the light that its response" in str(n) for n in notes)
 
 
 def test_a_wave_with_the_light_of_another_exposure_is_named() -> None:
     shots = [Shot(f"w-{n}", "code", "p", "", (0.1,), detail={"plane": n}) for n in range(2, 7)]
     light = {0: 900.0, 1: 100.0, 2: 500.0, 3: 504.0, 4: 538.0, 5: 444.0, 6: 497.0}
     (note,) = odd_waves(light, shots, "p")
-    assert "w-5 shows 0.86 times" in note
+    assert "w-5 shows 0.86 times" in str(note)

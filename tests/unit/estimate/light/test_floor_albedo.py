@@ -96,7 +96,7 @@ def test_a_discrepancy_widens_the_error() -> None:
     assert value == pytest.approx(0.19)
     assert sigma == pytest.approx(0.18 / np.sqrt(2) / np.sqrt(2))
     (note,) = floor_notes(dome, found)
-    assert "floor_albedo is 0.1 +- 0.03 in venue.toml, but 0.28 +- 0.03" in note
+    assert "floor_albedo is 0.1 +- 0.03 in venue.toml, but 0.28 +- 0.03" in str(note)
     assert not floor_notes(dome, _at(0.12, 0.03))
 
 
@@ -111,7 +111,7 @@ def test_a_floor_stated_without_an_error_is_not_taken_for_certain() -> None:
 def test_light_that_contradicts_itself_is_noted(share: float, named: bool) -> None:
     notes = flux_notes(FloorLight([FloorAt(albedo=0.1, sigma=0.03)], share))
     assert len(notes) == named
-    assert all("disagree by 10%" in note and "check vignetting" in note for note in notes)
+    assert all("disagree by 10%" in str(note) and "check vignetting" in str(note) for note in notes)
 
 
 def test_light_that_cannot_be_of_these_pictures_is_refused() -> None:
@@ -129,8 +129,8 @@ def test_a_venue_toml_that_only_a_low_floor_would_explain_is_named_and_widens() 
     assert value == pytest.approx(0.28)
     assert value - 2 * sigma < 0.12
     (note,) = floor_notes(dome, found)
-    assert "agrees with if the floor lies well below the dome's rim" in note
-    assert "if it does not, it is 0.12 +- 0.02" in note
+    assert "agrees with if the floor lies well below the dome's rim" in str(note)
+    assert "if it does not, it is 0.12 +- 0.02" in str(note)
 
 
 def test_a_floor_that_may_be_lower_widens_what_it_returns() -> None:

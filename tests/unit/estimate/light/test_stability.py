@@ -85,13 +85,15 @@ def test_errors_alike_within_blocks_are_no_movement(
 
 def test_a_lamp_in_the_room() -> None:
     (note,) = checks(room=0.005).notes("north")
-    assert note.startswith("projector north: light of the room changed")
-    assert "7 and 8" in note and "+0.4" in note
+    assert str(note).startswith("projector north: light of the room changed")
+    assert "7 and 8" in str(note) and "+0.4" in str(note)
 
 
 def test_drift() -> None:
     (note,) = checks(drift=-0.01).notes("north")
-    assert "drifted" in note and "-1.0" in note
+    assert "drifted" in str(note) and "-1.0" in str(note)
+    assert (note.code, note.subject) == ("drift", "projector north")
+    assert note.amount == pytest.approx(2.0, rel=0.05)  # of 0.5 %, which is just noted
 
 
 @pytest.mark.parametrize(
@@ -121,7 +123,7 @@ def test_someone_who_walks_through_is_an_outlier() -> None:
     found = StabilityChecks(white, np.ones((SIZE, SIZE), bool))
     found.add("7 and 8", [pattern, inverse])
     (note,) = found.notes("north")
-    assert "someone or something moved before the screen" in note and "on 3." in note
+    assert "someone or something moved before the screen" in str(note) and "on 3." in str(note)
     (total,) = found.sums
     assert abs(total.drift) < 4 * total.sigma and found.shift_px == 0
 
@@ -163,7 +165,7 @@ class TestMovedCamera:
             assert abs(total.shift_px - shift) < 4 * total.shift_sigma_px + 0.1 * shift
             assert total.shift_sigma_px < 0.01
             (note,) = checks.notes("north")
-            assert "the camera or the projector moved: the pictures 7 and 8" in note
+            assert "the camera or the projector moved: the pictures 7 and 8" in str(note)
             assert checks.shift_px == total.shift_px
 
     @pytest.mark.parametrize(
@@ -182,7 +184,7 @@ class TestMovedCamera:
         checks.add("7 and 8", [moved])
         (total,) = checks.sums
         assert total.shift_px == pytest.approx(0.2, abs=0.06)
-        assert "the camera or the projector moved" in checks.notes("north")[-1]
+        assert "the camera or the projector moved" in str(checks.notes("north")[-1])
 
     def test_a_camera_that_stands_still(self) -> None:
         for seed in range(20):

@@ -46,14 +46,14 @@ def test_the_fall_of_scattered_light_is_the_lens_s() -> None:
     assert found == pytest.approx(rms_of(0.1), rel=0.01) and found > USUAL
     (note,) = vignetting_notes(uniform_light(0.1), view())
     edge = 1 - np.exp(-0.1 * (np.pi / 2) ** 2)
-    assert f"scattered light falls by {edge:.0%} towards the edge" in note
-    assert f"by about {found:.0%} and most at the edge" in note
+    assert f"scattered light falls by {edge:.0%} towards the edge" in str(note)
+    assert f"by about {found:.0%} and most at the edge" in str(note)
 
 
 def test_a_lens_that_seems_to_have_none_is_not_trusted() -> None:
     assert unknown_vignetting(uniform_light(0.0), view()) == USUAL
     (note,) = vignetting_notes(uniform_light(-0.01), view())
-    assert "scattered light does not fall towards" in note
+    assert "scattered light does not fall towards" in str(note)
 
 
 @pytest.mark.parametrize("stated", [-0.04, 0.0])

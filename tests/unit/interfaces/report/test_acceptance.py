@@ -18,6 +18,7 @@ from procam.interfaces.report import acceptance, write_report
 from procam.interfaces.report.sheet import write_sheet
 from procam.model.acceptance import Finding
 from procam.model.calibration import Calibration
+from procam.model.provenance import Provenance
 from procam.model.quality import Figure
 from procam.model.transport import Measured
 
@@ -38,7 +39,7 @@ QUALITY = {
 def _venue(folder: Path, calibration: Calibration, text: str) -> Path:
     folder.mkdir()
     (folder / "venue.toml").write_text(text, "utf-8")
-    provenance = {"session": "0001", "versions": {"procam": "9.8", "numpy": "7.6"}}
+    provenance = Provenance("0001", versions={"procam": "9.8", "numpy": "7.6"})
     save_calibration(
         replace(calibration, quality=QUALITY, provenance=provenance), folder / "calibrations/0001"
     )
@@ -57,7 +58,7 @@ def _again(venue: Path, calibration: Calibration, session: str, feedback: float)
         calibration,
         feedback=Measured(np.array([0.3, feedback, 0.4]), np.array([0.002, 0.003, 0.004])),
         quality=QUALITY,
-        provenance={"session": session},
+        provenance=Provenance(session),
     )
     save_calibration(changed, venue / "calibrations" / f"{number:04d}")
 

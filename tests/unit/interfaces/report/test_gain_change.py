@@ -12,6 +12,7 @@ from procam.files.versions import next_directory
 from procam.interfaces.report.data import read_material
 from procam.interfaces.report.light import gain_change
 from procam.model.calibration import Calibration
+from procam.model.provenance import Provenance
 from procam.model.venue_state import VenueState
 
 
@@ -52,5 +53,5 @@ class TestGainChange:
     def test_another_session_is_another_matter(
         self, tmp_path: Path, calibration: Calibration
     ) -> None:
-        other = replace(calibration, provenance={"session": "0007"})
+        other = replace(calibration, provenance=Provenance("0007"))
         assert gain_change(read_material(_saved(tmp_path, [other, calibration])), "south") is None

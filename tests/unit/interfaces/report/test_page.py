@@ -20,6 +20,7 @@ from procam.interfaces.report import light, page, write_report
 from procam.interfaces.report.data import Material, read_material
 from procam.maths.warp import block_mean
 from procam.model.mask import Mask
+from procam.model.provenance import Provenance
 from procam.model.quality import Figure, Goal
 from procam.workflows.sample_content import half_sky
 
@@ -202,7 +203,7 @@ def test_what_was_done_by_hand_has_its_section(venue, calibration):
         ],
     }
     maps = replace(calibration.maps, protected=Mask("screen", covered))
-    changed = replace(calibration, maps=maps, provenance={"by_hand": manual})
+    changed = replace(calibration, maps=maps, provenance=Provenance(by_hand=manual))
     save_calibration(changed, venue / "calibrations" / "0003")
     page = write_report(venue).read_text("utf-8")
     assert page.count("<section") == SECTIONS + FIXED + 1
@@ -261,7 +262,7 @@ def test_a_loop_that_made_something_worse_is_reported(venue):
 
 def test_a_loop_of_another_session_is_not_shown(venue):
     """Its photographs are of an earlier calibration."""
-    for session, shown in (("0001", False), (None, True)):
+    for session, shown in (("0002", False), (None, True)):
         with edited_json(venue / "loop" / "loop.json") as loop:
             loop |= {"worse": "red light was off", "session": session}
         page = write_report(venue).read_text("utf-8")

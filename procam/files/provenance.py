@@ -1,0 +1,53 @@
+"""The provenance of a calibration in calibration.json; what is empty is left out."""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from typing import Any
+
+from procam.files.calibration_entries import number
+from procam.model.provenance import Note, Provenance
+
+SUBJECT = re.compile(r"((?:projector|camera) [^ :]+): (.*)", re.DOTALL)
+
+
+def provenance_entry(provenance: Provenance) -> dict[str, Any]:
+    """As JSON."""
+    return {name: value for name, value in asdict(provenance).items() if value}
+
+
+def read_provenance(entry: Mapping[str, Any]) -> Provenance:
+    """From JSON; raises what reading a damaged document raises."""
+    return Provenance(
+        _text(entry, "session"),
+        _text(entry, "input_sha256"),
+        _texts(entry.get("backends", ())),
+        _text(entry, "python"),
+        {str(name): str(version) for name, version in entry.get("versions", {}).items()},
+        tuple(_note(note) for note in entry.get("notes", ())),
+        _texts(entry.get("recalibrated", ())),
+        dict(entry.get("by_hand", {})),
+        dict(entry.get("meter", {})),
+    )
+
+
+def _note(entry: Mapping[str, Any] | str) -> Note:
+    """A note; of a calibration of before notes had a code, its line."""
+    if isinstance(entry, str):
+        found = SUBJECT.fullmatch(entry)
+        return Note("", found[1], found[2]) if found else Note("", "", entry)
+    code, subject, text = (_text(entry, key) for key in ("code", "subject", "text"))
+    return Note(code, subject, text, number(entry, "amount"))
+
+
+def _text(entry: Mapping[str, Any], key: str) -> str:
+    found = entry.get(key, "")
+    if not isinstance(found, str):
+        raise ValueError(f"{key} is {found!r} where text belongs")
+    return found
+
+
+def _texts(entry: Sequence[Any]) -> tuple[str, ...]:
+    if isinstance(entry, str):
+        raise ValueError(f"{entry!r} is text where a list belongs")
+    return tuple(map(str, entry))
