@@ -54,6 +54,7 @@ RANDOM_KILLS = 2
 LIKE_OTHERS = re.compile(
     r"\b00(0[2-9]|[12][0-9]|3[0-8])\b"
 )  # files written as those before and after
+UNLIKE = re.compile(r"\.[0-9a-f]{8}-\d+-[0-9a-f]{8}\.tmp")  # what differs between processes
 ONE_IN = 13  # of their calls, which repeat by threes (patterns) and fours (frames)
 STUCK_S = 120
 FAILED = 70  # exit code of a child that raised
@@ -80,6 +81,7 @@ def child(work: Callable[[], object], killer: Killer | None = None) -> int:
     if pid:
         return pid
     code = FAILED
+    atomic._remove_abandoned.cache_clear()  # which a process of its own begins without
     faulthandler.register(signal.SIGALRM, chain=True)
     signal.alarm(STUCK_S)  # prints the stacks of all threads, and ends the child
     try:
@@ -125,7 +127,8 @@ def watch_disk(killer: Killer) -> None:
         path = Path(f"/proc/self/fd/{descriptor}").readlink()
         if path.suffix == ".jsonl":
             return f"flush {path.name}: {path.read_text().splitlines()[-1][:60]}"
-        return f"flush {path.parent.name}/{path.name}" + f" after {renamed}" * path.is_dir()
+        name = UNLIKE.sub(".tmp", f"{path.parent.name}/{path.name}")
+        return f"flush {name}" + f" after {renamed}" * path.is_dir()
 
     def moved(source: Path, target: Path) -> str:
         return f"rename to {target.parent.name}/{target.name}"
