@@ -9,10 +9,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from procam.arrays import Array, BoolArray, Image
-from procam.compensate.compensator import Compensated, Compensator
+from procam.compensate.compensator import Compensator
 from procam.errors import InputError
 from procam.maths.geometry.sphere import (
     cap_solid_angle,
@@ -26,11 +25,9 @@ from procam.maths.warp import sample
 from procam.model.calibration import Calibration
 from procam.model.screen import Dome
 from procam.model.transport import DomeMaps, Measured
+from procam.workflows.judged_picture import LUMINANCE, Judged, PictureFigures, Seen, figures_of
 
-LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # of R, G, B in their white: ITU-R BT.709
 SAMPLES = 512  # edge of the pictures that are judged [px]: 0.35 degrees
-DARK_SHARE = 0.25  # of the lit dome: what counts as a picture's darks
-LEVEL = 1e-6  # a contrast below it is a flat picture's rounding
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,46 +162,6 @@ class Levels:
     checkerboard_after: float
 
 
-@dataclass(frozen=True, slots=True)
-class PictureFigures:
-    """What is expected of one picture; shares are of the lit solid angle.
-
-    Attributes
-    ----------
-    clipped_black, clipped_white : shares where some colour cannot be as dark, or as bright, as the
-        picture asks for, when it is compensated.
-    unclipped : the whole picture can be shown exactly.
-    darkest : least level that can be shown beside the rest of the picture [rel to white].
-    dark_lift_before, dark_lift_after : by how much the darkest quarter is too bright [rel to white].
-    contrast_target, contrast_before, contrast_after : rms over mean of the luminance.
-    contrast_restored : share of the lost contrast that compensation restores; NaN if none is lost.
-    """
-
-    clipped_black: float
-    clipped_white: float
-    unclipped: bool
-    darkest: float
-    dark_lift_before: float
-    dark_lift_after: float
-    contrast_target: float
-    contrast_before: float
-    contrast_after: float
-    contrast_restored: float
-
-
-@dataclass(frozen=True, slots=True)
-class Seen:
-    """A picture as asked for, as seen without and with compensation (N, N, 3), and what clips.
-
-    `limits` (N, N) is 0 where it is exact, 1 too bright, 2 too dark, 3 unlit.
-    """
-
-    target: Image
-    before: Image
-    after: Image
-    limits: NDArray[np.uint8]
-
-
 def planned(dome: PlannedDome, size: int = SAMPLES) -> Prospect:
     """The prospect of a planned dome, with the 95 % interval of its albedo."""
     step = 1.96 * dome.albedo_sigma
@@ -319,37 +276,23 @@ def picture_figures(
     exact = compensator.predict(content)
     none = Compensator(calibration, size, "none", state).predict(content)
     content = compensator.target(content)
-    lit = _covered(calibration, size)
-    bright, dark = _limits(content, exact, lit & ~compensator.protected)
-    solid = calibration.canvas.solid_angles(size)[lit]
-    shown = (content, none.observed, exact.observed)
-    target, before, after = (p[lit] @ LUMINANCE for p in shown)
-    scattered = (exact.observed - exact.direct)[lit] @ LUMINANCE
-    darks = solid * (target <= _quantile(target, solid, DARK_SHARE))
-    contrast = [_rms_contrast(light, solid) for light in (target, before, after)]
-    figures = PictureFigures(
-        clipped_black=_mean(bright[lit], solid),
-        clipped_white=_mean(dark[lit], solid),
-        unclipped=not (bright | dark).any(),
-        darkest=_mean(scattered, solid) + black_level(calibration),
-        dark_lift_before=_mean(before - target, darks),
-        dark_lift_after=_mean(after - target, darks),
-        contrast_target=contrast[0],
-        contrast_before=contrast[1],
-        contrast_after=contrast[2],
-        contrast_restored=_restored(*contrast),
-    )
-    limits = np.select([~lit, bright, dark], [3, 1, 2]).astype(np.uint8)
-    return figures, Seen(content, none.observed, exact.observed, limits)
+    lit, black = _covered(calibration, size), black_level(calibration)
+    free = ~compensator.protected
+    weight = calibration.canvas.solid_angles(size)
+    return figures_of(content, none.observed, exact, Judged(lit, free, weight, black))
 
 
 def sampled(picture: Image, size: int = SAMPLES) -> Image:
-    """Every so many-th pixel of a dome master (N, N, 3), as (size, size, 3).
+    """Every so many-th pixel of a picture (H, W, 3), as (height, `size`, 3).
 
     Values stay what they are: means would hide small lights and shadows that clip.
     """
-    index = ((np.arange(size) + 0.5) * (picture.shape[0] / size)).astype(int)
-    return picture[np.ix_(index, index)]
+    height, width = picture.shape[:2]
+    rows, columns = (
+        ((np.arange(count) + 0.5) * (length / count)).astype(int)
+        for length, count in ((height, round(size * height / width)), (width, size))
+    )
+    return picture[np.ix_(rows, columns)]
 
 
 def band(values: Sequence[float], counts: int = 1) -> Band:
@@ -361,36 +304,6 @@ def _covered(calibration: Calibration, size: int) -> BoolArray:
     """Pixels (N, N) of a picture that are lit for the most part: limits at the rim are guesses."""
     maps, (direction, inside) = calibration.maps, calibration.canvas.directions(size)
     return np.asarray(inside & (sample(maps.coverage, master_pixels(direction, maps.size)) > 0.5))
-
-
-def _limits(
-    content: Image, exact: Compensated, free_to_clip: BoolArray
-) -> tuple[BoolArray, BoolArray]:
-    """Where some colour stays too bright, and where too dark, (N, N) each."""
-    bound = ~exact.free & free_to_clip[..., None]
-    bright = (bound & (exact.observed > content)).any(axis=-1)
-    dark = (bound & (exact.observed < content)).any(axis=-1)
-    return np.asarray(bright), np.asarray(dark)
-
-
-def _mean(values: Array | BoolArray, solid: Array) -> float:
-    return float(solid @ values / solid.sum())
-
-
-def _quantile(values: Array, solid: Array, share: float) -> float:
-    """Value below or at which `share` of the solid angle lies."""
-    order = np.argsort(values)
-    total = np.cumsum(solid[order])
-    return float(values[order[np.searchsorted(total, share * total[-1])]])
-
-
-def _rms_contrast(light: Array, solid: Array) -> float:
-    mean = _mean(light, solid)
-    return float(np.sqrt(_mean((light - mean) ** 2, solid))) / mean if mean > 0 else float("nan")
-
-
-def _restored(target: float, before: float, after: float) -> float:
-    return (after - before) / (target - before) if abs(target - before) > LEVEL else float("nan")
 
 
 def _ratio(top: float, bottom: float) -> float:

@@ -15,10 +15,13 @@ from tiny_venue import procam, refused
 
 from procam.files.calibration import save_calibration
 from procam.files.images.pixels import read_image, write_image
+from procam.interfaces.cli import _forecast_room as room_command
 from procam.interfaces.cli import forecast as command
 from procam.maths.geometry.sphere import master_solid_angles
+from procam.maths.mesh.rooms import BOX
 from procam.model.calibration import Calibration
 from procam.model.photometry import AbsoluteColour
+from procam.workflows import forecast_room
 from procam.workflows.forecast import sampled
 from procam.workflows.sample_content import half_sky
 
@@ -107,6 +110,72 @@ class TestPlanned:
         picture = next(iter(_document(*wide)["pictures"].values()))
         assert (picture["unclipped"]["low"], picture["unclipped"]["high"]) == (False, True)
         assert "but not at both ends" in _said(*wide)
+
+
+class TestRoom:
+    BOX = ("--box", 6, 4, 3, "--albedo", 0.6)
+
+    @pytest.fixture(autouse=True)
+    def coarse(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        whole = room_command.planned_room
+        monkeypatch.setattr(room_command, "planned_room", lambda plan, _: whole(plan, 140))
+        monkeypatch.setattr(forecast_room, "FACES", 500)
+
+    def test_all_walls_of_one_albedo(self) -> None:
+        """Each bounce in a closed room returns the albedo's share."""
+        lit = [x for part in BOX for x in ("--lit", part)]
+        light = _document(*self.BOX, *lit, "--lumens", 10000)["light"]
+        for name, albedo in (
+            ("low", 0.6 - 1.96 * 0.03),
+            ("value", 0.6),
+            ("high", 0.6 + 1.96 * 0.03),
+        ):
+            assert light["feedback"][name] == pytest.approx(albedo / (1 - albedo), rel=2e-3)
+        direct = 0.6 * 10000 / (np.pi * 108)
+        assert light["white_after"]["value"] == pytest.approx(direct, rel=5e-3)
+        assert light["white_before"]["value"] == pytest.approx(direct / 0.4, rel=5e-3)
+        # as on a dome where all that reflects is lit, though not by one scalar
+        assert light["checkerboard_before"]["value"] == pytest.approx((1 + 0.75) / 0.75, rel=0.02)
+
+    def test_a_picture_and_the_plot(self, tmp_path: Path) -> None:
+        walls = np.zeros((30, 140, 3), np.float32)
+        walls[:, :40] = 1.0
+        write_image(tmp_path / "walls.exr", walls, ("R", "G", "B"))
+        said = _said(*self.BOX, tmp_path / "walls.exr", "--out", tmp_path / "out")
+        assert "albedo 0.6 with sigma 0.03 of front, left, right, 0.2 of the rest" in said
+        assert "canvas 14 x 3 m" in said and "too bright (clips at black)" in said
+        assert "contrast of black beside white: it dims" not in said  # so it is on domes
+        assert read_image(tmp_path / "out" / "forecast.png").shape[1] > 900
+
+    def test_a_cylinder(self) -> None:
+        message = _document("--cylinder", 5, 120, 3, "--albedo", 0.6)
+        assert any("canvas 10.47 x 3 m" in text for text in message["assumptions"])
+        assert 0.03 < message["light"]["feedback"]["value"] < 0.1
+
+    @pytest.mark.parametrize(
+        ("arguments", "words"),
+        [
+            (("--lit", "front", "--albedo", 0.5), "give --box or --cylinder, one of them"),
+            (("--box", 6, 4, 3, "--cylinder", 5, 90, 3, "--albedo", 0.5), "one of them"),
+            (("--box", 6, 4, 3), "forecast of a room needs --albedo"),
+            (("--box", 6, 4, 3, "--albedo", 0.5, "--radius-m", 3), "--radius-m are of domes"),
+            (("--box", 6, 0, 3, "--albedo", 0.5), "box: 6 x 0 x 3 m; all lengths must be above 0"),
+            (("--box", 6, 4, 3, "--albedo", 0.5, "--lit", "roof"), "name some of left, front"),
+            (("--cylinder", 5, 120, 3, "--albedo", 0.5, "--lit", "floor"), "only the wall is lit"),
+            (("--box", 6, 4, 3, "--albedo", 0.97), "albedo + 1.96 sigma must be below 1"),
+            (("--box", 6, 4, 3, "--albedo", 0.03), "albedo - 1.96 sigma must be above 0"),
+            (("--box", 6, 4, 3, "--albedo", 0.5, "--other-albedo", 1), "of what is not lit: 1;"),
+            (("--box", 6, 4, 3, "--albedo", 0.5, "--contrast", 1), "must be above 1, such as 2000"),
+            (("--box", 6, 4, 3, "--albedo", 0.5, "--lumens", -1), "--lumens is -1; the sum"),
+        ],
+    )
+    def test_what_is_no_room(self, arguments: tuple[object, ...], words: str) -> None:
+        assert words in refused("forecast", *arguments)
+
+    def test_a_picture_of_another_aspect(self, sky: Path) -> None:
+        assert "the canvas of this room 14 x 3 m; make it 128 x 27 (--out draws where" in refused(
+            "forecast", *self.BOX, sky
+        )
 
 
 class TestMeasured:

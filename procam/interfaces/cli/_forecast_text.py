@@ -1,18 +1,21 @@
 """The lines of `procam forecast`: figures with their bands, without and with compensation."""
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import asdict, fields
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from textwrap import wrap
 from typing import Any
 
 from procam.files.versions import chosen_calibration
-from procam.workflows.forecast import Band, Levels, PictureFigures, Prospect, band
+from procam.interfaces.plots.forecast import Layout
+from procam.workflows.forecast import Band, Levels, Prospect, band
+from procam.workflows.judged_picture import PictureFigures, Seen
 
 COLUMNS, LABEL, FIGURE = 100, 37, 31  # widths of the table
 Ends = Sequence[Levels] | Sequence[PictureFigures]
 Described = dict[str, float]  # a planned dome by the options that are given
+Pictures = Mapping[str, tuple[Sequence[PictureFigures], Seen]]
 USUAL = {
     "albedo_sigma": 0.03,
     "reflecting": 1.0,
@@ -20,6 +23,24 @@ USUAL = {
     "floor_albedo": 0.1,
     "contrast": 2000.0,
 }
+
+
+@dataclass(frozen=True)
+class Found:
+    """A forecast: `levels` and figures of `pictures` at both ends and in the middle, light in `unit`.
+
+    `more` and `after` are lines after the levels, and after the pictures; `document` is added to that of
+    the result; `layout` of a room's canvas.
+    """
+
+    levels: Sequence[Levels]
+    unit: str
+    pictures: Pictures
+    assumptions: Sequence[str]
+    more: Sequence[str] = ()
+    after: Sequence[str] = ()
+    document: Mapping[str, Any] = field(default_factory=dict)
+    layout: Layout | None = None
 
 
 def light_lines(title: str, ends: Sequence[Levels], unit: str, *, value: int = 1) -> Iterator[str]:

@@ -1,12 +1,13 @@
-"""`procam forecast`: contrast and white to expect of a dome, before anything is bought.
+"""`procam forecast`: contrast and white to expect of a screen, before anything is bought.
 
-A dome is described by options, or measured by a calibration. Figures are printed as value
-(low .. high), over what is uncertain: the 95 % interval of albedo or feedback, and venue states.
+A dome is described by options, or measured by a calibration; a box or a cylinder by options. Figures are
+printed as value (low .. high), over what is uncertain: the 95 % interval of albedo or feedback, and venue
+states.
 """
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from json import dumps
 from pathlib import Path
 from textwrap import wrap
@@ -19,10 +20,12 @@ from procam.errors import InputError
 from procam.files import atomic
 from procam.files.calibration import load_calibration
 from procam.files.versions import chosen_calibration, venue_of_calibration
+from procam.interfaces.cli._forecast_room import room_found
 from procam.interfaces.cli._forecast_text import (
     COLUMNS,
     USUAL,
     Described,
+    Found,
     assumed_lines,
     assumptions_of,
     light_lines,
@@ -33,15 +36,13 @@ from procam.interfaces.cli._forecast_text import (
 from procam.interfaces.cli._options import Json
 from procam.interfaces.cli._output import Output
 from procam.interfaces.plots.forecast import RELATIVE, write_plot
+from procam.maths.mesh.rooms import BOX
 from procam.model.calibration import Calibration
 from procam.model.screen import Dome
 from procam.workflows.forecast import (
-    LUMINANCE,
     Levels,
-    PictureFigures,
     PlannedDome,
     Prospect,
-    Seen,
     light_levels,
     measured,
     picture_figures,
@@ -49,6 +50,7 @@ from procam.workflows.forecast import (
     sampled,
     white_luminance,
 )
+from procam.workflows.judged_picture import LUMINANCE, PictureFigures, Seen
 from procam.workflows.refine.stored_pictures import read_square
 
 EXAMPLE = "procam forecast --albedo 0.5 --coverage 0.9 --lumens 60000 --radius-m 8 sky.png"
@@ -63,7 +65,7 @@ def forecast(
         list[Path] | None,
         typer.Argument(
             metavar="VENUE@N|IMAGE",
-            help="First a calibrated venue, if there is one; then dome masters: PNG, TIFF or EXR.",
+            help="First a calibrated venue, if there is one; then pictures: PNG, TIFF or EXR.",
         ),
     ] = None,
     *,
@@ -92,15 +94,36 @@ def forecast(
     lumens: Annotated[
         float | None, typer.Option(help="Of all projectors together; for cd/m2.")
     ] = None,
+    box: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option(
+            help="Instead of a dome: width, depth and height of a room [m].", metavar="W D H"
+        ),
+    ] = None,
+    cylinder: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option(
+            help="Instead of a dome: radius [m], arc [degrees] and height [m].", metavar="R ARC H"
+        ),
+    ] = None,
+    lit: Annotated[
+        list[str] | None,
+        typer.Option(
+            help=f"A part of a box that projectors light: {', '.join(BOX)}. May be repeated."
+        ),
+    ] = None,
+    other_albedo: Annotated[
+        float | None, typer.Option(help="Of a room's parts that are not lit; 0.2 if not given.")
+    ] = None,
     out: Annotated[
         Path | None, typer.Option(help="Folder for forecast.png and forecast.json.")
     ] = None,
     json: Json = False,
 ) -> None:
-    """Predict white and contrast of a dome before anything is bought.
+    """Predict white and contrast of a dome or a room before anything is bought.
 
-    Of a planned dome (--albedo and --coverage at least), or of a venue that is calibrated; and what
-    compensation can do for your own pictures there.
+    Of a planned dome (--albedo and --coverage at least), a planned room (--box or --cylinder, and
+    --albedo), or of a venue that is calibrated; and what compensation can do for your own pictures there.
     """
     described = {
         "albedo": albedo,
@@ -113,16 +136,15 @@ def forecast(
         "radius_m": radius_m,
     }
     given = {name: value for name, value in described.items() if value is not None}
-    _forecast(paths or [], given, lumens, out, Output(json))
+    shapes = {kind: size for kind, size in (("box", box), ("cylinder", cylinder)) if size}
+    if shapes or lit or other_albedo is not None:
+        found = room_found(paths or [], shapes, given, lit or (), other_albedo, lumens)
+    else:
+        found = _of_dome(paths or [], given, lumens)
+    _report(found, out, Output(json))
 
 
-def _forecast(
-    paths: Sequence[Path],
-    described: Described,
-    lumens: float | None,
-    out: Path | None,
-    output: Output,
-) -> None:
+def _of_dome(paths: Sequence[Path], described: Described, lumens: float | None) -> Found:
     venue = paths[0] if paths and _is_calibrated(paths[0]) else None
     prospect = _prospect(venue, described)
     _check_light(lumens, described, venue)
@@ -131,30 +153,40 @@ def _forecast(
     levels = _levels(prospect, lumens)
     unit = RELATIVE if lumens is None and not metered_nits(prospect) else "cd/m2"
     pictures = {path: _picture(prospect, content) for path, content in contents.items()}
-    states = _States.of(prospect, lumens, contents)
     assumptions = list(assumptions_of(prospect, venue, described, lumens))
     assumptions += [note for _, note in read.values() if note]
+    states = _States.of(prospect, lumens, contents)
+    found = Found(levels, unit, pictures, assumptions, wrap(UNCHANGED, COLUMNS))
+    if not states:
+        return found
+    document = {"states": states.document()}
+    return replace(found, after=list(states.lines(unit)), document=document)
+
+
+def _report(found: Found, out: Path | None, output: Output) -> None:
+    """Print a forecast, and write its plot and document into a folder."""
+    levels, unit, pictures = found.levels, found.unit, found.pictures
     document = {
         "unit": unit,
         "light": plain(levels),
         "pictures": {path: plain(figures) for path, (figures, _) in pictures.items()},
-        "assumptions": assumptions,
-        **({"states": states.document()} if states else {}),
+        "assumptions": found.assumptions,
+        **found.document,
     }
     if out is not None:
         seen = [(Path(path).name, seen) for path, (_, seen) in pictures.items()]
-        write_plot(out / "forecast.png", levels, unit, seen)
+        write_plot(out / "forecast.png", levels, unit, seen, found.layout)
         atomic.write_text(out / "forecast.json", dumps(document, indent=1))
     for line in light_lines("expected, in brackets both ends", levels, unit):
         output.say(line)
-    for line in wrap(UNCHANGED, COLUMNS):
+    for line in found.more:
         output.say(line)
     for path, (figures, _) in pictures.items():
         for line in picture_lines(path, figures):
             output.say(line)
-    for line in states.lines(unit) if states else ():
+    for line in found.after:
         output.say(line)
-    for line in assumed_lines(assumptions):
+    for line in assumed_lines(found.assumptions):
         output.say(line)
     if out is not None:
         output.say(f"{out / 'forecast.png'} and {out / 'forecast.json'} written")

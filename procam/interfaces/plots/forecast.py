@@ -1,6 +1,6 @@
 """The plot of a forecast: white, contrast, and how each picture will be seen."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,15 +20,17 @@ from procam.interfaces.plots.figure import (
     title_axes,
 )
 from procam.maths.geometry.sphere import master_solid_angles
-from procam.workflows.forecast import Levels, Seen, checkerboard_contrast
+from procam.workflows.forecast import Levels, checkerboard_contrast
+from procam.workflows.judged_picture import Seen
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import SubFigure
 
 RELATIVE = "x direct white"
+Layout = Mapping[str, tuple[float, float, float, float]]  # left, top, width and height by name [m]
 DIRECT, SCATTERED, WITHOUT, WITH = "#4393c3", "#f4a582", "#ca403c", "#053061"
-WIDTH, TOP, ROW = 10.5, 3.9, 3.4  # inches
+WIDTH, TOP, BESIDE = 10.5, 3.9, 0.8  # inches; of a row of pictures, titles and legend
 ROUND = [digit * 10.0**power for power in range(7) for digit in (1, 2, 5)]
 WHITE_SHARES = np.geomspace(0.005, 0.95, 60)
 TITLES = ("target", "without compensation", "with compensation", "limits")
@@ -36,22 +38,36 @@ LIMIT_NAMES = ("exact", "too bright", "too dark", "not lit")
 
 
 def write_plot(
-    path: Path, levels: Sequence[Levels], unit: str, pictures: Sequence[tuple[str, Seen]]
+    path: Path,
+    levels: Sequence[Levels],
+    unit: str,
+    pictures: Sequence[tuple[str, Seen]],
+    layout: Layout | None = None,
 ) -> None:
     """Write a forecast as PNG.
 
-    `levels` at the low end, the middle and the high end, with light in `unit`; `pictures` with names.
+    `levels` at the low end, the middle and the high end, with light in `unit`; `pictures` with names;
+    `layout` of a room's canvas, for which contrast has no curve: it depends on where white is.
     """
-    figure = new_figure(WIDTH, TOP + ROW * len(pictures))
+    heights = [TOP, *(_height(seen) for _, seen in pictures)]
+    figure = new_figure(WIDTH, sum(heights))
     figure.set_layout_engine("constrained", w_pad=0.1, h_pad=0.1)
-    heights = [TOP, *[ROW] * len(pictures)]
     parts = figure.subfigures(len(heights), 1, squeeze=False, height_ratios=heights)[:, 0]
     left, right = parts[0].subplots(1, 2, width_ratios=(1, 1.5))
     _draw_white(left, levels, unit)
-    _draw_contrast(right, levels)
+    if layout:
+        _draw_layout(right, layout)
+    else:
+        _draw_contrast(right, levels)
     for part, (name, seen) in zip(parts[1:], pictures, strict=True):
-        _draw_picture(part, name, seen)
+        _draw_picture(part, name, seen, layout is not None)
     save_figure(figure, path)
+
+
+def _height(seen: Seen) -> float:
+    """Of a picture's row [inches]."""
+    rows, columns = seen.limits.shape
+    return BESIDE + WIDTH / len(TITLES) * rows / columns
 
 
 def _draw_white(axes: "Axes", levels: Sequence[Levels], unit: str) -> None:
@@ -122,6 +138,21 @@ def _draw_contrast(axes: "Axes", levels: Sequence[Levels]) -> None:
     finish([axes])
 
 
+def _draw_layout(axes: "Axes", layout: Layout) -> None:
+    """Where the walls of a room lie on its canvas."""
+    for name, (left, top, width, height) in layout.items():
+        right, bottom = left + width, top + height
+        corners = [left, right, right, left], [top, top, bottom, bottom]
+        axes.fill(*corners, facecolor="#eef3f7", edgecolor=INK, lw=0.8)
+        text = f"{name}\n{width:.3g} x {height:.3g} m"
+        axes.text(left + width / 2, top + height / 2, text, ha="center", va="center", fontsize=8.5)
+    axes.set_xlim(0, max(left + width for left, _, width, _ in layout.values()))
+    axes.set_ylim(max(top + height for _, top, _, height in layout.values()), 0)
+    axes.set_aspect("equal")
+    axes.set_axis_off()
+    title_axes(axes, "Canvas, as seen from inside", size=11)
+
+
 def _log_scales(axes: "Axes") -> None:
     """Logarithmic axes with round numbers, and no powers of ten."""
     axes.set_xscale("log")
@@ -134,13 +165,13 @@ def _log_scales(axes: "Axes") -> None:
         axis.set_major_formatter(lambda value, _: f"{value:g}")
 
 
-def _draw_picture(part: "SubFigure", name: str, seen: Seen) -> None:
+def _draw_picture(part: "SubFigure", name: str, seen: Seen, is_room: bool) -> None:
     panels = part.subplots(1, 4)
     part.suptitle(name, x=0.01, ha="left", fontweight="bold", fontsize=11, color=INK)
     shown = (seen.target, seen.before, seen.after)
     unlit = seen.limits == 3
     white = brightest(shown, unlit)
-    inside = master_solid_angles(seen.limits.shape[0]) > 0
+    inside = ~unlit if is_room else master_solid_angles(seen.limits.shape[0]) > 0
     for axes, title, picture in zip(panels, TITLES, shown, strict=False):
         show_dome(axes, title, light_colours(picture, white, unlit), inside)
     show_dome(panels[3], TITLES[3], np.array(LIMITS)[seen.limits] / 255, inside)

@@ -13,7 +13,6 @@ from procam.model.calibration import Calibration
 from procam.model.mask import Mask
 from procam.model.screen import Dome
 from procam.workflows.forecast import (
-    LUMINANCE,
     Band,
     PlannedDome,
     band,
@@ -26,6 +25,7 @@ from procam.workflows.forecast import (
     sampled,
     white_luminance,
 )
+from procam.workflows.judged_picture import LUMINANCE
 
 HEMISPHERE = Dome(8.0, np.pi / 2)
 SIZE = 64

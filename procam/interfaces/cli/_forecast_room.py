@@ -1,0 +1,118 @@
+"""What `procam forecast` finds for a room that is planned."""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+from procam.arrays import Image
+from procam.errors import InputError
+from procam.files.images.stills import read_picture
+from procam.interfaces.cli._forecast_text import USUAL, Described, Found
+from procam.interfaces.plots.forecast import RELATIVE
+from procam.maths.mesh.rooms import CYLINDER
+from procam.workflows.forecast import sampled
+from procam.workflows.forecast_room import SAMPLES, PlannedRoom, RoomProspect, planned_room
+
+Size = tuple[float, float, float]
+LIT = ("front", "left", "right")  # of a box, if none is named
+OTHERS = 0.2  # albedo
+OF_ROOMS = {"albedo", "albedo_sigma", "contrast"}  # options of a dome that a room has too
+ASPECT = 0.01  # relative difference of a picture's sides from the canvas's
+
+
+def room_found(
+    paths: Sequence[Path],
+    shapes: Mapping[str, Size],
+    described: Described,
+    lit: Sequence[str],
+    others: float | None,
+    lumens: float | None,
+) -> Found:
+    """The forecast of a box or a cylinder.
+
+    Raises
+    ------
+    InputError
+        Both or neither are given, options of domes, a picture of another aspect than the canvas.
+    """
+    plan = _planned(shapes, described, lit, OTHERS if others is None else others)
+    prospect = planned_room(plan, SAMPLES)
+    read = {str(path): read_picture(path) for path in paths}
+    contents = {path: _on_canvas(path, content, prospect) for path, (content, _) in read.items()}
+    step = 1.96 * plan.albedo_sigma
+    white = [_white(plan.albedo + s, lumens, prospect.lit_m2) for s in (-step, 0.0, step)]
+    return Found(
+        prospect.levels(white),
+        RELATIVE if lumens is None else "cd/m2",
+        {path: prospect.picture(content) for path, content in contents.items()},
+        [*_assumptions(plan, prospect, lumens), *(note for _, note in read.values() if note)],
+        layout=prospect.layout,
+    )
+
+
+def _planned(
+    shapes: Mapping[str, Size], described: Described, lit: Sequence[str], others: float
+) -> PlannedRoom:
+    if len(shapes) != 1:
+        raise InputError(
+            "forecast: --lit and --other-albedo are of a room; give --box or --cylinder, one of them"
+        )
+    foreign = [f"--{name.replace('_', '-')}" for name in described if name not in OF_ROOMS]
+    if foreign:
+        raise InputError(f"forecast: {', '.join(foreign)} are of domes; leave them out for a room")
+    if "albedo" not in described:
+        raise InputError("forecast of a room needs --albedo, that of the parts that are lit")
+    ((kind, size),) = shapes.items()
+    values = USUAL | described
+    usual = LIT if kind == "box" else CYLINDER[:1]
+    paint = values["albedo"], values["albedo_sigma"]
+    return PlannedRoom(kind, size, tuple(lit) or usual, *paint, others, values["contrast"])
+
+
+def _white(albedo: float, lumens: float | None, lit_m2: float) -> float:
+    """Light of a direct white of 1.0 [cd/m2 if lumens are given]."""
+    if lumens is None:
+        return 1.0
+    if not 0 < lumens < math.inf:
+        raise InputError(
+            f"--lumens is {lumens:g}; the sum of all projectors is above 0, such as 10000"
+        )
+    return albedo * lumens / (math.pi * lit_m2)
+
+
+def _on_canvas(path: str, content: Image, prospect: RoomProspect) -> Image:
+    """A picture at the size that is judged."""
+    (width, height), (rows, columns) = prospect.size_m, content.shape[:2]
+    if abs(columns / rows / (width / height) - 1) > ASPECT:
+        raise InputError(
+            f"{path} is {columns} x {rows} px, and the canvas of this room {width:g} x {height:g} m; make "
+            f"it {columns} x {round(columns * height / width)} (--out draws where each wall lies on it)"
+        )
+    lit = prospect.ends[1].canvas.lit
+    found = sampled(content, lit.shape[1])
+    return found[: lit.shape[0]] if len(found) >= len(lit) else _padded(found, len(lit))
+
+
+def _padded(picture: Image, rows: int) -> Image:
+    """A picture whose last row is repeated: rounding of its aspect."""
+    return picture[[*range(len(picture)), *[-1] * (rows - len(picture))]]
+
+
+def _assumptions(plan: PlannedRoom, prospect: RoomProspect, lumens: float | None) -> Iterator[str]:
+    yield (
+        "matte walls; 1.0 of a picture (255 of 8 bits) is the white that every lit place reaches without "
+        "inter-reflection; nobody and no furniture in the room"
+    )
+    yield (
+        f"albedo {plan.albedo:g} with sigma {plan.albedo_sigma:g} of {', '.join(plan.lit)}, "
+        f"{plan.others:g} of the rest; bands: both ends of the 95 % interval"
+    )
+    if plan.kind == "cylinder":
+        yield "the floor reflects within the arc; there is no ceiling, and behind the audience all is black"
+    width, height = prospect.size_m
+    yield f"canvas {width:.4g} x {height:.4g} m; projectors of {plan.contrast:g}:1 full white to full black"
+    if lumens is not None:
+        yield (
+            f"{lumens:g} lm, all on the {prospect.lit_m2:.4g} m2 that are lit; blending and light that "
+            "misses the walls reduce this"
+        )
