@@ -1,6 +1,7 @@
 """What glibc does with the memory of large pictures; other C libraries are left alone."""
 
 import ctypes
+import gc
 import sys
 from collections.abc import Callable
 
@@ -23,6 +24,7 @@ def keep_large_buffers() -> None:
 
 def return_buffers() -> None:
     """Return the memory of blocks that nothing uses now; after a step of minutes that is no loss."""
+    gc.collect()  # pictures that only a cycle of references holds
     malloc_trim = _of_libc("malloc_trim")
     if malloc_trim:
         malloc_trim(0)

@@ -30,10 +30,11 @@ class TestCube:
         for i in range(6):
             for j in range(6):
                 expected = 0.0 if i == j else 0.199824896 if i // 2 == j // 2 else 0.200043776
-                assert found[i, j] == pytest.approx(expected, abs=2e-4)
+                assert found[i, j] == pytest.approx(expected, abs=1e-4)
 
     def test_no_light_is_lost(self) -> None:
-        np.testing.assert_allclose(self.factors.sum(axis=1), 1.0, atol=3e-6)
+        """Nothing is scaled: this is the error of the quadrature."""
+        np.testing.assert_allclose(self.factors.sum(axis=1), 1.0, atol=1e-4)
 
     def test_reciprocity(self) -> None:
         exchange = face_areas(self.vertices, self.faces)[:, None] * self.factors.astype(float)
