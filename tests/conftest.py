@@ -67,6 +67,15 @@ def handlers_of_signals() -> Iterator[None]:
         signal.signal(number, handler)
 
 
+@pytest.fixture(scope="session", autouse=True)
+def buffers_are_returned() -> Iterator[None]:
+    """A command keeps its buffers until it ends; a process of tests runs hundreds of them."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("procam.memory.LARGEST", 1 << 20)
+        patch.setattr("procam.memory.NEVER", 1 << 20)
+        yield
+
+
 @pytest.fixture
 def rng() -> np.random.Generator:
     return np.random.default_rng(2011)

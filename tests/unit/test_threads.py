@@ -15,7 +15,7 @@ from procam.threads import ThreadPool, any_running, start
 from procam.workflows.capture.capture import _Recorder
 from procam.workflows.playout.pipeline import ThreadPlan, flow
 
-STUCK_S = 20.0
+STUCK_S = 120.0
 Work = Callable[[], object]
 
 

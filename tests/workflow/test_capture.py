@@ -48,7 +48,7 @@ from simulators.mistakes import AlteringCamera
 
 NO_PATTERN_BEFORE = 3  # the dark frames, and the white that follows them
 FRAMES = Path("captures") / CAMERA
-STUCK_S = 20.0
+STUCK_S = 120.0
 PATIENCE_S = 2.0  # with a disk
 
 

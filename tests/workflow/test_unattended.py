@@ -31,7 +31,7 @@ from procam.workflows import watchdog
 from procam.workflows.unattended import _inside
 from simulators.faults import FaultyCamera
 
-STUCK_S = 20.0
+STUCK_S = 120.0
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,7 @@ from procam.devices.rig import Rig
 from procam.errors import InputError, WrongState
 from procam.threads import start
 
-STUCK_S = 20.0
+STUCK_S = 120.0
 WHY = InputError("somebody may be in the dome")
 WHITE = np.ones((SIZE[1], SIZE[0], 3), np.float32)
 

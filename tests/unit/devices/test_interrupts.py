@@ -18,7 +18,7 @@ from procam.devices.rig import Rig
 from procam.errors import DeviceError
 from procam.threads import start
 
-STUCK_S = 20.0
+STUCK_S = 120.0
 
 
 class Projector:
