@@ -31,9 +31,11 @@ from procam.files.session import Session
 from procam.files.venue.load import load_venue
 from procam.files.versions import calibration_in_use
 from procam.interfaces.judge import direction_errors
+from procam.maths.geometry.sphere import angle_between
 from procam.model.frame import Frame
 from procam.workflows.capture.session_images import SessionImages
 from procam.workflows.recalibrate import recalibrate, worse
+from procam.workflows.recalibrate.one_projector import solve_again
 from simulators.backend import build_scene
 from simulators.mistakes import AlteringCamera, _with_person
 from studies.seen import Seen, front, grey, seen
@@ -89,6 +91,28 @@ def test_a_nudged_projector_is_replaced_and_the_rest_stays(nudged: Path) -> None
     assert after < 0.15 * before  # pixels of these panels have 40 arcmin
     assert procam("verify", nudged).code == 0  # compares with the new session
     assert procam("recalibrate", nudged).out.startswith("nothing to recalibrate")
+
+
+def test_from_the_session_of_the_calibration_nothing_changes(once: Path) -> None:
+    """Both go one way from light to a projector: what differs is how well its place alone is known."""
+    venue, old = load_venue(once), load_calibration(once / "calibrations" / "0001")
+    session = Session(once / "sessions" / "0001")
+    new = solve_again(venue, session, session, old, "south").calibration
+    a, b = (each.projectors["south"] for each in (old, new))
+    moved = np.degrees(angle_between(a.surface.direction, b.surface.direction)) * 60
+    assert np.nanmax(moved) < 4  # pixels have 40 arcmin
+    sure = a.surface.valid & b.surface.valid
+    assert sure.sum() > 0.99 * a.surface.valid.sum()
+    np.testing.assert_allclose(b.photometry.colour_mix, a.photometry.colour_mix, atol=1e-3)
+    gain = b.photometry.gain[sure] / a.photometry.gain[sure] - 1
+    assert np.sqrt(np.mean(gain**2)) < 0.01 and abs(gain.mean()) < 1e-3
+    for name in old.projectors:
+        off = new.projectors[name].blend - old.projectors[name].blend
+        assert np.abs(off).max() < 0.05, name
+    lit = old.maps.coverage > 0.999
+    white = new.maps.hi[lit] / old.maps.hi[lit] - 1
+    assert np.sqrt(np.mean(white**2)) < 0.005 and abs(white.mean()) < 1e-3
+    np.testing.assert_allclose(new.maps.lo[lit], old.maps.lo[lit], atol=1e-5)
 
 
 def assert_seen_alike(part: Seen, whole: Seen) -> None:
