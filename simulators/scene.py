@@ -27,7 +27,10 @@ ALL_BANDS = slice(0, 3)
 
 @dataclass(frozen=True)
 class SceneSize:
-    """How many devices and how fine; `rays` per patch is a power of two."""
+    """How many devices and how fine; `rays` per patch is a power of two.
+
+    `map_size` is only written to venue.toml, of whose dome maps it is the edge [px].
+    """
 
     projectors: int = 2
     projector_size: tuple[int, int] = (1280, 800)
@@ -35,6 +38,7 @@ class SceneSize:
     camera_size: tuple[int, int] = (1600, 1600)
     camera_kind: str = "fisheye"
     rays: int = 2048
+    map_size: int | None = None
 
 
 @dataclass(frozen=True)

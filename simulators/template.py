@@ -62,7 +62,7 @@ def server_text(
     preset, size = PRESETS[preset_name], size or SceneSize()
     known = replace(_known(preset, size), intrinsics="fixed")  # tags cannot solve a lens too
     parts = [
-        _head(f'dome behind a media server, preset "{preset_name}"', preset, known),
+        _head(f'dome behind a media server, preset "{preset_name}"', preset, known, size),
         *(_camera(camera, preset, known) for camera in known.cameras),
         _server(server_size),
         _tail(preset_name, SERVER_EXPOSURE_S, size, 1).replace(
@@ -76,7 +76,7 @@ def _text(title: str, preset: Preset, known: Known, size: SceneSize, tail: str) 
     names = [b.name for b in place_projectors(size.projectors, (64, 40), preset)]
     cameras = place_cameras(size.cameras, size.camera_size, size.camera_kind, preset)
     parts = [
-        _head(title, preset, known),
+        _head(title, preset, known, size),
         *(_camera(camera, preset, known) for camera in known.cameras),
         *(_projector(name, size.projector_size) for name in names),
         MARKS + "\n".join(_fiducials(camera, preset, known) for camera in cameras),
@@ -119,7 +119,8 @@ control = {{ protocol = "escvp21", port = "backend" }}  # or a device such as "/
 """
 
 
-def _head(title: str, preset: Preset, known: Known) -> str:
+def _head(title: str, preset: Preset, known: Known, size: SceneSize) -> str:
+    map_size = f"map_size = {size.map_size}\n" if size.map_size else ""
     return f"""\
 # A simulated {title}. It has every key that a real venue needs, with its unit.
 
@@ -130,7 +131,7 @@ half_angle_deg = {known.half_angle_deg}      # pole to rim: all of the cap that 
 tilt_deg = {known.tilt_deg}            # lean of the pole towards the audience's front
 floor_albedo = {known.floor[0]}        # an estimate for the deck under the dome; it affects the
 floor_albedo_sigma = {known.floor[1]}  # albedo only, never the compensation
-"""
+{map_size}"""
 
 
 def _camera(camera: CameraBuild, preset: Preset, known: Known) -> str:

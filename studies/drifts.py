@@ -12,7 +12,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from multiprocessing import get_context
 from pathlib import Path
@@ -146,9 +146,7 @@ class DriftVenue:
 def make_venue(directory: Path, preset: str, projectors: int) -> DriftVenue:
     """Capture and calibrate a simulated venue."""
     directory.mkdir(parents=True, exist_ok=True)
-    text = venue_text(
-        preset, SceneSize(projectors, SIZE.projector_size, 1, SIZE.camera_size, rays=SIZE.rays)
-    )  # type: ignore[arg-type]
+    text = venue_text(preset, replace(SIZE, projectors=projectors))  # type: ignore[arg-type]
     (directory / "venue.toml").write_text(text, "utf-8")
     venue = load_venue(directory)
     result_of(solve(venue, result_of(capture_newest(venue))))

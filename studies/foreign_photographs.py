@@ -163,7 +163,12 @@ class Sensor:
 
 
 def venue_text(
-    room: ForeignRoom, sensor: Sensor, veil: VeilingGlare, seed: int, kind: FileKind = RAW
+    room: ForeignRoom,
+    sensor: Sensor,
+    veil: VeilingGlare,
+    seed: int,
+    kind: FileKind = RAW,
+    map_size: int = 1024,
 ) -> str:
     """What the owner of a seed states."""
     camera, rng = room.camera, np.random.default_rng((seed, 3))
@@ -185,6 +190,7 @@ half_angle_deg = {rim:.1f}
 tilt_deg = 0.0
 floor_albedo = {floor:.3f}
 floor_albedo_sigma = {FLOOR_SIGMA}
+map_size = {map_size}
 [cameras.{CAMERA}]
 size = {[camera.size] * 2}
 model = "kannala-brandt"
@@ -226,12 +232,13 @@ sigma_px = {CLICK_PX}
 class Stage:
     """The dome, and a folder: its venue, the pictures for its projectors, and their light in numpy files.
 
-    `kind` : of the files that the camera saves.
+    `kind` : of the files that the camera saves. `map_size` : edge of the calibration's dome maps [px].
     """
 
     room: ForeignRoom
     folder: Path
     kind: FileKind = RAW
+    map_size: int = 1024
 
     def prepare(self) -> None:
         """Write the pictures, and render them all without noise."""
@@ -253,7 +260,7 @@ class Stage:
         stated.write_text(venue_text(self.room, sensor, VeilingGlare(0, 0.01, ()), seed))
         # at the desk the camera is known, but for its veil, and photographs are raw
         veil = sensor.desk_veil(Radiometer(load_venue(venue).cameras[CAMERA]), seed)
-        stated.write_text(venue_text(self.room, sensor, veil, seed, self.kind))
+        stated.write_text(venue_text(self.room, sensor, veil, seed, self.kind, self.map_size))
 
     def _order(self) -> list[dict[str, str]]:
         return list(csv.DictReader((self.folder / "out" / "order.csv").read_text().splitlines()))

@@ -22,7 +22,6 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import procam.estimate.calibration
 from procam.errors import ProcamError
 from procam.files.venue.load import load_venue
 from simulators.scene import SceneSize
@@ -32,7 +31,6 @@ from studies.photometry import calibrate_venue
 from studies.readable_files import make_files
 from studies.readers import READERS, Reader
 
-MAP_SIZE = 64  # of the dome's maps: quick to read
 CASES = 20_000  # of each reader, as far as its time goes
 LIMIT_S = 900.0  # of a reader
 # files that a disk need not keep, which would take ten times as long
@@ -40,7 +38,9 @@ FOLDER = "/dev/shm" if Path("/dev/shm").is_dir() else None
 MEMORY = 4 * 2**30  # of a reader's process; more would end others
 HANG_S, SLOW_S = 10, 1.0  # wall time; CPU time, which other processes do not lengthen
 OUTCOMES = "read", "different", "refused", "slow"
-SIZE = SceneSize(projectors=1, projector_size=(128, 80), camera_size=(200, 200), rays=64)
+SIZE = SceneSize(  # of maps that are quick to read
+    projectors=1, projector_size=(128, 80), camera_size=(200, 200), rays=64, map_size=64
+)
 STRANGE: tuple[Any, ...] = (
     *(None, True, -1, 0, 1e308, float("nan"), float("inf"), 10**30, -0.5, 3.7),
     *("", "x", "../../x", "\x00", "é" * 300, "1e999", [], {}, [[1]], [1, 2], {"a": 1}),
@@ -178,7 +178,6 @@ def _places(document: Any) -> Iterator[tuple[Any, Any]]:
 def _made() -> Path:
     """A folder with all files, made once by each process; readers are damaged in copies of it."""
     folder = Path(tempfile.mkdtemp(dir=FOLDER))
-    procam.estimate.calibration.MAP_SIZE = MAP_SIZE
     (folder / "venue").mkdir()
     (folder / "venue" / "venue.toml").write_text(venue_text("standard", SIZE))
     calibrate_venue(load_venue(folder / "venue"))

@@ -8,7 +8,6 @@ import matplotlib
 import pytest
 from exact_room import coarse_rooms
 
-from procam.estimate import calibration
 from procam.estimate.light import floor_albedo
 
 NOTEBOOKS = sorted((Path(__file__).parents[1] / "docs" / "notebooks").glob("*.ipynb"))
@@ -23,7 +22,6 @@ def test_each_runs(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     monkeypatch.setattr("tempfile.tempdir", None)
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(calibration, "MAP_SIZE", 128)
     monkeypatch.setattr(floor_albedo, "DROPS", (0.2,))
     matplotlib.use("Agg")
     cells = json.loads(path.read_text("utf-8"))["cells"]

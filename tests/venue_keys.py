@@ -36,6 +36,7 @@ floor_albedo = 0.1
 floor_albedo_sigma = 0.05
 masks = [[[0, 5], [9, 5], [5, 9]]]
 protected = ["annika/desk.png"]
+map_size = 512
 
 [cameras.zenith]
 backend = "acme"

@@ -7,13 +7,12 @@ the maps of a dome master. `light.measure` measures the light of each projector.
 300 lines because all of these parts meet in one place.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from procam.arrays import Array, Image
-from procam.estimate.geometry.camera_view import DomeView
 from procam.estimate.geometry.direction_samples import direction_sigmas
 from procam.estimate.geometry.solve import MAX_SPHERE_RATIO, GeometrySolution
 from procam.estimate.light.blend import Blender, common_white
@@ -35,41 +34,36 @@ from procam.estimate.light.unknown_vignetting import vignetting_notes
 from procam.maths.geometry.sphere import master_directions, master_solid_angles
 from procam.maths.warp import sample
 from procam.model.calibration import Calibration, ProjectorCalibration
-from procam.model.mask import Nudge
 from procam.model.provenance import Provenance
 from procam.model.quality import Figure, Goal
-from procam.model.screen import Dome
 from procam.model.transport import DomeMaps
 
-MAP_SIZE = 1024
 COVERED = 0.999  # coverage of a pixel that limits the common white
 MAX_ADDITIVITY_ERROR = 0.01
 
 
 def assemble(
-    dome: Dome,
-    geometry: GeometrySolution,
-    view: DomeView,
+    placed: Placed,
     measured: Mapping[str, ProjectorMeasurement],
-    nudges: Sequence[Nudge],
     provenance: Provenance,
-    falloff_per_rad: float = 0.0,
+    falloff_per_rad: float,
+    map_size: int,
 ) -> Calibration:
     """Assemble the calibration of what one camera measured.
 
     Parameters
     ----------
-    dome : the screen. geometry, view : solved poses; the main camera's view of the dome.
-    measured : light of each projector. nudges : manual shifts of the picture.
+    placed : solved poses, the screen, the main camera's view of it, manual shifts of the picture.
+    measured : light of each projector.
     provenance : stored with the calibration; notes are added to it.
     falloff_per_rad : largest relative change of the white per radian (`luminance_matching`).
+    map_size : edge of the dome maps [px], a multiple of `CELLS`.
     """
-    unmix, moved = _content_matrix(measured), _moved_arcmin(view, measured)
-    placed = Placed(geometry, dome, view, nudges, moved)
+    dome, view, unmix = placed.dome, placed.view, _content_matrix(measured)
     projectors = {
         name: unblended_projector(placed, name, each, unmix) for name, each in measured.items()
     }
-    master = _Master(dome, view, projectors)
+    master = _Master(placed, projectors, map_size)
     hi, lit = master.white.light, master.coverage > COVERED
     shape = matched_white(hi, lit, falloff_per_rad)
     white = common_white(hi / shape[..., None], lit)
@@ -88,36 +82,30 @@ def assemble(
     notes += vignetting_notes(scatter.solution.per_flux, view)
     return Calibration(
         scatter.dome,
-        geometry.rig.cameras,
+        placed.geometry.rig.cameras,
         projectors,
         maps,
         scatter.feedback,
         scatter.albedo,
         to_relative,
-        _quality(geometry, moved, measured, master, scatter),
+        _quality(placed, measured, master, scatter),
         replace(provenance, notes=tuple(notes)),
-        main_camera=geometry.main,
+        main_camera=placed.geometry.main,
     )
-
-
-def _moved_arcmin(view: DomeView, measured: Mapping[str, ProjectorMeasurement]) -> float:
-    """The most that the main camera turned while projectors were photographed [arcmin]."""
-    pixels = max(m.moved_px for m in measured.values())
-    return float(60 * np.degrees(pixels / np.mean(view.camera.lens.focal)))
 
 
 class _Master:
     """Pixels of the dome master of the maps: directions, camera positions, coverage."""
 
     def __init__(
-        self, dome: Dome, view: DomeView, projectors: Mapping[str, ProjectorCalibration]
+        self, placed: Placed, projectors: Mapping[str, ProjectorCalibration], size: int
     ) -> None:
-        self._dome, self._view = dome, view
-        self.white = FullWhite(projectors, dome, MAP_SIZE)
-        direction, self.inside = master_directions(MAP_SIZE)
-        self.where = view.camera_pixels(dome, direction)
-        self.coverage = self.white.coverage
-        self.solid_sr = master_solid_angles(MAP_SIZE) * self.coverage
+        self._dome, self._view, self._size = placed.dome, placed.view, size
+        self.white = FullWhite(projectors, self._dome, size)
+        direction, self.inside = master_directions(size)
+        self.where = self._view.camera_pixels(self._dome, direction)
+        self.coverage, solid_sr = self.white.coverage, master_solid_angles(size)
+        self.solid_sr, self.inside_sr = solid_sr * self.coverage, float(solid_sr[self.inside].sum())
 
     def mean(self, values: Image) -> Array:
         """Mean (C,) over the lit part."""
@@ -125,7 +113,7 @@ class _Master:
 
     def flux_in_cells(self, hi: Array) -> Array:
         """Flux (N, C) of full white in the cells of the scatter kernel's fit [rel sr]."""
-        fine = MAP_SIZE // CELLS
+        fine = self._size // CELLS
         light = hi * self.solid_sr[..., None]
         return np.asarray(
             light.reshape(CELLS, fine, CELLS, fine, -1).sum(axis=(1, 3)).reshape(CELLS**2, -1)
@@ -153,7 +141,7 @@ class _Master:
         self, measured: Mapping[str, ProjectorMeasurement], to_relative: Array
     ) -> Image:
         """Direct black light (N, N, 3) of all projectors together, smoothed [rel]."""
-        rest = self._view, self._dome, to_relative, MAP_SIZE
+        rest = self._view, self._dome, to_relative, self._size
         total = sum(black_light(each, *rest) for each in measured.values())
         return np.asarray(np.maximum(total, 0) * self.coverage[..., None], np.float32)
 
@@ -205,15 +193,14 @@ def _direction_sigmas(geometry: GeometrySolution, moved_arcmin: float) -> dict[s
 
 
 def _quality(
-    geometry: GeometrySolution,
-    moved_arcmin: float,
+    placed: Placed,
     measured: Mapping[str, ProjectorMeasurement],
     master: _Master,
     scatter: DomeScatter,
 ) -> dict[str, Figure]:
+    geometry = placed.geometry
     residual = np.concatenate(list(geometry.residual_px.values()))
     floor, fit = scatter.floor, scatter.solution.fit
-    inside_sr = float((master_solid_angles(MAP_SIZE) * master.inside).sum())
     additivity = max(m.colour.additivity_error for m in measured.values())
     return {
         "geometry_residual_rms_px": Figure(
@@ -226,12 +213,12 @@ def _quality(
             len(residual),
             "above it the dome is not a sphere",
         ),
-        **_direction_sigmas(geometry, moved_arcmin),
+        **_direction_sigmas(geometry, placed.moved_arcmin),
         "shape_degree": Figure(float(geometry.rig.shape.degree), "-"),
         "additivity_error": Figure(
             additivity, "-", Goal("<=", MAX_ADDITIVITY_ERROR), len(measured)
         ),
-        "coverage": Figure(float(master.solid_sr.sum()) / inside_sr, "-"),
+        "coverage": Figure(float(master.solid_sr.sum()) / master.inside_sr, "-"),
         "floor_albedo_by_light": Figure(floor.albedo, "-", None, 1, f"sigma {floor.sigma:.3f}"),
         "flux_doubt": Figure(
             floor.flux_inconsistency, "-", None, 1, "spread of scattered over direct light"

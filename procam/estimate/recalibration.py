@@ -22,8 +22,6 @@ from procam.model.mask import Nudge
 from procam.model.provenance import Provenance
 from procam.model.transport import DomeMaps
 
-ARCMIN = 60 * 180 / np.pi
-
 
 def with_projector(
     calibration: Calibration,
@@ -45,8 +43,7 @@ def with_projector(
     """
     _, measured = before_and_now
     dome, matrix, size = calibration.screen, calibration.content_from_camera, calibration.maps.size
-    moved = float(measured.moved_px / np.mean(view.camera.lens.focal) * ARCMIN)
-    placed = Placed(geometry, dome, view, nudges, moved)
+    placed = Placed.of(geometry, dome, view, nudges, [measured])
     new = unblended_projector(placed, name, measured, matrix)
     blacks = [black_light(each, view, dome, matrix, size) for each in before_and_now]
     projectors = {**calibration.projectors, name: _with_shared_error(calibration, name, new)}

@@ -9,7 +9,7 @@ from procam.estimate.camera.binning import Binning
 from procam.estimate.camera.radiance import Radiometer
 from procam.estimate.geometry.camera_view import DomeView
 from procam.files.venue.load import Venue
-from procam.files.venue.masks import MASTER_SIZE, camera_masks, screen_mask
+from procam.files.venue.masks import camera_masks, screen_mask
 from procam.maths.geometry.sphere import master_pixels
 from procam.model.calibration import Calibration
 from procam.model.optics import CameraModel
@@ -58,5 +58,6 @@ def screen_view(venue: Venue, dome: Dome, radiometer: Radiometer) -> DomeView:
     masks, binning = camera_masks(venue), radiometer.binning
     seen = radiometer.seen & ~binning.largest(masks[radiometer.camera.name].covered)
     view = DomeView.of(radiometer.camera, dome, radiometer.rays, seen)
-    places = master_pixels(np.nan_to_num(view.direction), MASTER_SIZE)
-    return view.without(screen_mask(venue, MASTER_SIZE).at(places))
+    size = venue.table.screen.map_size
+    places = master_pixels(np.nan_to_num(view.direction), size)
+    return view.without(screen_mask(venue, size).at(places))

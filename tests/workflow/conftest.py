@@ -7,23 +7,19 @@ from pathlib import Path
 import pytest
 from tiny_venue import quick_simulator
 
-from procam.estimate import calibration as assembling
 from procam.estimate.light import floor_albedo
 from procam.files.calibration import save_calibration
 from procam.interfaces.cli import _sessions
 from procam.interfaces.plots import figure
 from procam.model.calibration import Calibration
 
-MASTER = 128
 FLOOR_DROPS = (0.2,)  # depths at which the floor may lie: one is as good for commands as five
 
 
 @pytest.fixture(scope="module", autouse=True)
 def small_results(request: pytest.FixtureRequest) -> Iterator[None]:
-    """A quick simulator, small dome maps, pictures and charts; studies search the floor in full."""
+    """A quick simulator and small charts; studies search the floor in full."""
     with quick_simulator(), pytest.MonkeyPatch.context() as patch:
-        patch.setattr(assembling, "MAP_SIZE", MASTER)
-        patch.setattr(_sessions, "CONTENT_SIZE", MASTER)
         patch.setattr(figure, "DPI", 90)
         if not request.module.__name__.endswith("_small"):
             patch.setattr(floor_albedo, "DROPS", FLOOR_DROPS)

@@ -34,7 +34,6 @@ from tiny_venue import (
     take_session,
 )
 
-import procam.estimate.calibration
 import procam.estimate.light.floor_albedo
 import procam.estimate.structured_light.self_calibration
 import simulators.backend
@@ -46,7 +45,6 @@ from procam.files.venue.load import load_venue
 from procam.interfaces.cli.main import main as procam_main
 from procam.workflows.solve import calibrate
 
-MAP_SIZE = 128  # dome maps of a solve: the same files and flushes, a sixtieth of the pixels
 SAMPLE_PIXELS = 1000  # from which lens and response are estimated
 COARSE_ROOM = 10, 20  # rings and sectors of patches: quick to trace
 FLOOR_DROPS = (0.2,)  # depths at which the floor may lie: one is as good for files as five
@@ -458,7 +456,6 @@ def prepare(folder: Path) -> None:
     one_thread()
     tempfile.tempdir = str(folder / "wires")  # where emulated serial ports appear
     Path(tempfile.tempdir).mkdir()
-    procam.estimate.calibration.MAP_SIZE = MAP_SIZE
     procam.estimate.light.floor_albedo.DROPS = FLOOR_DROPS
     procam.estimate.structured_light.self_calibration.SAMPLE_PIXELS = SAMPLE_PIXELS
     simulators.transport.DOME_RINGS, simulators.transport.DOME_SECTORS = COARSE_ROOM

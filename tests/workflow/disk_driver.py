@@ -30,7 +30,6 @@ from tiny_venue import (
     take_session,
 )
 
-from procam.estimate import calibration as procam_calibration
 from procam.files.calibration import load_calibration
 from procam.files.images.pixels import write_image
 
@@ -66,7 +65,6 @@ COMMANDS: dict[str, Command] = {
     ),
     "track": lambda d: ("export", _calibration(d), "shader", d / "sky", d / "out"),
 }
-MAP_SIZE = 256
 OUTCOMES = 0, 1  # 1: a loop that found nothing better
 RUNS = 20  # of each command, half of them with each kind of limit
 CHANGING = ("index.jsonl", "log.json", "in-use")  # hold times of their own
@@ -211,7 +209,6 @@ def _runs(folder: Path) -> Iterator[dict[str, object]]:
 
 def main() -> None:
     one_thread()
-    procam_calibration.MAP_SIZE = MAP_SIZE
     with quick_simulator():
         for row in _runs(Path(sys.argv[1])):
             print(json.dumps(row), flush=True)

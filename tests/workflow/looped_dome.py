@@ -9,13 +9,11 @@ import pytest
 from tiny_venue import TINY_PAIR, quick_simulator
 
 from procam.arrays import Image
-from procam.estimate import calibration as assemble
 from procam.estimate.closed_loop import dome as closed_loop
-from procam.interfaces.cli import _sessions
 from procam.maths.geometry.sphere import master_directions
 
-SIZE = replace(TINY_PAIR, projector_size=(160, 100), camera_size=(256, 256))
-MASTER, CELLS = 96, 48
+MASTER, CELLS = 128, 48
+SIZE = replace(TINY_PAIR, projector_size=(160, 100), camera_size=(256, 256), map_size=MASTER)
 
 
 @contextmanager
@@ -23,8 +21,6 @@ def quick_loop() -> Iterator[None]:
     """Cells as wide as such a camera allows."""
     with quick_simulator(), pytest.MonkeyPatch.context() as patch:
         patch.setattr(closed_loop, "LOOP_SIZE", CELLS)
-        patch.setattr(assemble, "MAP_SIZE", MASTER)
-        patch.setattr(_sessions, "CONTENT_SIZE", MASTER)
         yield
 
 

@@ -4,7 +4,7 @@ import csv
 import json
 import shutil
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +14,8 @@ from picture_files import write_with_header
 from scipy.ndimage import gaussian_filter, map_coordinates
 from tiny_venue import (
     CAMERA,
+    TINY,
+    TINY_PAIR,
     Ran,
     contents,
     make_venue,
@@ -30,10 +32,9 @@ from procam.files.session import Session
 from procam.files.venue.load import load_venue
 from procam.maths.light.curves import srgb_encode
 from procam.workflows.capture.decoded import DECODED_BITS, with_decoded_bits
-from simulators.scene import SceneSize
 
 PANEL, PHOTO = (160, 100), (240, 200)
-SIZE = SceneSize(projectors=2, projector_size=PANEL, camera_size=PHOTO, rays=64)
+SIZE = replace(TINY_PAIR, projector_size=PANEL, camera_size=PHOTO)
 SHOTS, EXPOSURES = 76, 78  # the first and the last shot have two
 BITS, BLACK = 12, 64.0
 GAMMA, BLUR_PX, NOISE_DN = 2.2, 0.6, 4.0
@@ -481,7 +482,7 @@ class TestResponse:
 @pytest.mark.usefixtures("no_report")
 def test_solves_like_a_driven_session(tmp_path: Path) -> None:
     """Photographed by a camera of another venue, with only the PNGs; then the same dome, driven."""
-    size = SceneSize(projectors=1, projector_size=(320, 200), camera_size=(400, 400), rays=64)
+    size = replace(TINY, projector_size=(320, 200), camera_size=(400, 400))
     venue = make_venue(tmp_path / "venue", size=size)
     assert procam("session", "plan", venue.directory, tmp_path / "out").code == 0
     make_venue(tmp_path / "elsewhere", size=size)

@@ -4,7 +4,6 @@ import errno
 import json
 import os
 import shutil
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,18 +11,15 @@ import numpy as np
 import pytest
 from tiny_venue import TINY_PAIR, calibrated, drift, procam, refused
 
-from procam.estimate import calibration as assembling
 from procam.files.calibration import load_calibration, save_calibration
 from procam.files.history import record
 
-SIZE = replace(TINY_PAIR, projector_size=(160, 100), camera_size=(256, 256))
+SIZE = replace(TINY_PAIR, projector_size=(160, 100), camera_size=(256, 256), map_size=256)
 
 
 @pytest.fixture(scope="module")
-def once(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(assembling, "MAP_SIZE", 256)
-        yield calibrated(tmp_path_factory.mktemp("verify") / "venue", SIZE).directory
+def once(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return calibrated(tmp_path_factory.mktemp("verify") / "venue", SIZE).directory
 
 
 def test_all_is_well(venue: Path) -> None:

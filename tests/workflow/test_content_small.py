@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from tiny_venue import TINY_PAIR
 
-from procam.estimate import calibration as assemble
 from procam.interfaces import judge
 from procam.maths.geometry.sphere import master_directions, master_solid_angles
 from simulators import transport, truth
@@ -15,15 +14,17 @@ from simulators.scene import ALL_BANDS, DomeScene, SceneSize
 from studies import content
 from studies.contents import CONTENTS, night
 
-SMALL = SceneSize(projectors=2, projector_size=(160, 100), camera_size=(260, 260), rays=128)
 MASTER = 128
+SMALL = SceneSize(
+    projectors=2, projector_size=(160, 100), camera_size=(260, 260), rays=128, map_size=MASTER
+)
 
 
 @pytest.fixture(scope="module")
 def rows() -> dict[str, dict[str, Any]]:
     with pytest.MonkeyPatch.context() as patch:
-        for module, name in ((assemble, "MAP_SIZE"), (truth, "MASTER"), (content, "MASTER")):
-            patch.setattr(module, name, MASTER)
+        for module in (truth, content):
+            patch.setattr(module, "MASTER", MASTER)
         patch.setattr(judge, "PATCHES", MASTER // 4)
         found = content.study("standard", SMALL, ("left-right", "white"))
     return {row["content"]: row for row in found}

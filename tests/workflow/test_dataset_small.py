@@ -10,7 +10,6 @@ import pytest
 
 import procam
 from procam.errors import FileFormatError
-from procam.estimate import calibration as assemble
 from procam.files.dataset import load_dataset
 from procam.files.versions import calibration_in_use
 from procam.interfaces.judge import judge
@@ -19,7 +18,7 @@ from simulators.scene import SceneSize
 from simulators.template import venue_text
 from studies import dataset
 
-SMALL = SceneSize(projector_size=(160, 100), camera_size=(240, 240), rays=128)
+SMALL = SceneSize(projector_size=(160, 100), camera_size=(240, 240), rays=128, map_size=256)
 ROOM = {"standard": partial(venue_text, "standard")}
 
 
@@ -54,10 +53,7 @@ def test_two_runs_give_the_same_bytes(small: Path, tmp_path: Path) -> None:
     assert "| `standard-1` | standard | 1 | 80 |" in (small / "README.md").read_text()
 
 
-def test_a_session_is_solved_and_judged_against_its_truth(
-    small: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(assemble, "MAP_SIZE", 256)
+def test_a_session_is_solved_and_judged_against_its_truth(small: Path, tmp_path: Path) -> None:
     (each,) = procam.load_dataset(small, tmp_path / "work")
     assert (each.name, each.room, each.seed) == ("standard-1", "standard", 1)
     assert each.venue.table.projectors.keys() == each.truth.projectors.keys()

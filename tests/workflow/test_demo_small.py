@@ -11,7 +11,6 @@ from typing import Any
 import pytest
 from tiny_venue import Ran, contents, procam
 
-from procam.estimate import calibration as assemble
 from procam.estimate.closed_loop.patches import MAX_CORRECTIONS
 from procam.files.calibration import load_calibration
 from procam.interfaces.cli import demo
@@ -20,8 +19,10 @@ from simulators import devices, truth
 from simulators.scene import SceneSize
 from simulators.template import venue_text
 
-SMALL = SceneSize(projectors=2, projector_size=(320, 200), camera_size=(480, 480), rays=64)
 MASTER = 256  # of dome maps, content and truth
+SMALL = SceneSize(
+    projectors=2, projector_size=(320, 200), camera_size=(480, 480), rays=64, map_size=MASTER
+)
 FIGURES = {
     "direction_error_relative_rms_arcmin",
     "direction_error_rms_arcmin",
@@ -69,8 +70,6 @@ def watched_demo(folder: Path) -> SmallRun:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(demo, "template_text", lambda name: venue_text("standard", SMALL))
-        patch.setattr(demo, "CONTENT_SIZE", MASTER)
-        patch.setattr(assemble, "MAP_SIZE", MASTER)
         patch.setattr(truth, "MASTER", MASTER)
         for step in ("load_calibration", "keep_pictures", "keep_loop", "keep_refined"):
             patch.setattr(demo, step, spied(step, getattr(demo, step)))

@@ -13,7 +13,9 @@ from simulators.drifts import Drift
 from simulators.scene import SceneSize
 from studies import drifts as study
 
-SMALL = SceneSize(projectors=2, projector_size=(240, 150), camera_size=(360, 360), rays=128)
+SMALL = SceneSize(
+    projectors=2, projector_size=(240, 150), camera_size=(360, 360), rays=128, map_size=128
+)
 CHANGES = (
     (Drift("turned", 0.15, "south", 40.0),),
     (Drift("overscan", 0.04, "north"),),

@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from procam.estimate import calibration as assemble
 from procam.workflows.solve import geometry
 from studies import foreign_bounces, foreign_dome, foreign_photographs, foreign_room
 
@@ -71,9 +70,8 @@ def test_a_foreign_dome_is_within_its_intervals(
     monkeypatch.setattr(foreign_room, "make_projectors", few_projectors)
     # the dome is no sphere; that causes of this are looked for is shown by test_diagnosis.py
     monkeypatch.setattr(geometry, "find_causes", lambda *_: [])
-    monkeypatch.setattr(assemble, "MAP_SIZE", 256)
     monkeypatch.setattr(foreign_dome, "MASTER", 256)
-    stage = foreign_photographs.Stage(size.room(), tmp_path / "stage", kind)
+    stage = foreign_photographs.Stage(size.room(), tmp_path / "stage", kind, map_size=256)
     stage.prepare()
     found = stage.calibrate(1, tmp_path)
     row = foreign_dome.Judge(stage.room).figures(found)

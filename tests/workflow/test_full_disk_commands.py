@@ -11,7 +11,6 @@ import pytest
 from disk_driver import COMMANDS, in_full, make_work, run_again, run_short
 from small_files import files_up_to
 
-from procam.estimate import calibration
 from procam.files.history import record
 
 ROOM = {
@@ -35,10 +34,7 @@ QUICK = [name for name in COMMANDS if name not in {"refine", "calibrate"}]
 
 
 @pytest.mark.parametrize("name", QUICK)
-def test_a_full_disk(
-    name: str, work: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(calibration, "MAP_SIZE", 256)
+def test_a_full_disk(name: str, work: Path, tmp_path: Path) -> None:
     command, folder = COMMANDS[name], tmp_path / "here"
     whole = in_full(command, work, folder)
     shutil.copytree(work, folder)

@@ -15,22 +15,18 @@ import pytest
 from tiny_venue import calibrated
 
 import procam
-import procam.estimate.calibration
-from studies.fuzz import foreign, fuzz
+from studies.fuzz import SIZE, foreign, fuzz
 from studies.readable_files import make_files
 from studies.readers import READERS, Reader
 
 CASES = 100
 ANYTHING = ".lock", "header of a picture"  # any words of a process; the beginning of a file
-MAP_SIZE = 64  # of the dome's maps: quick to read
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("fuzz")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(procam.estimate.calibration, "MAP_SIZE", MAP_SIZE)
-        calibrated(folder / "venue")
+    calibrated(folder / "venue", SIZE)
     make_files(folder)
     return folder
 

@@ -13,6 +13,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,6 @@ import photographer
 import pytest
 from tiny_venue import TINY_PAIR, procam
 
-from procam.estimate import calibration as assembling
 from procam.estimate.light import floor_albedo, model_room
 from procam.files.images.pixels import write_image
 from procam.files.venue.load import load_venue, template_text
@@ -44,10 +44,12 @@ QUOTED = re.compile(r'"([^"]+)"')
 # what stands for a name or a number in a quoted message
 VALUE = re.compile(r"\s*\.\.\.\s*|\b[NDRS]\b|\d[\d.]*|\[w, h\]|\(.*\)|standby|b''|`|, not on,")
 
-DOME = TINY_PAIR
-BEHIND_SERVER = SceneSize(projectors=2, projector_size=(400, 250), camera_size=(420, 420), rays=64)
 # edges [px] of dome masters of the server, of maps and of pictures; resolution of plots
 MASTER, MAPS, PICTURE, COARSE_DPI = 512, 64, 96, 20
+DOME = replace(TINY_PAIR, map_size=MAPS)
+BEHIND_SERVER = SceneSize(
+    projectors=2, projector_size=(400, 250), camera_size=(420, 420), rays=64, map_size=MAPS
+)
 FLOOR_SECTORS = 12  # of the room in which the floor is estimated
 
 # first words of lines that other programs run, and why not here
@@ -175,8 +177,6 @@ def take_photographs(pictures: Path) -> None:
 @pytest.fixture(scope="module", autouse=True)
 def small_and_quick() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(assembling, "MAP_SIZE", MAPS)
-        patch.setattr(_sessions, "CONTENT_SIZE", PICTURE)
         patch.setattr(model_room, "SECTORS", FLOOR_SECTORS)
         patch.setattr(floor_albedo, "DROPS", (0.1,))
         patch.setattr(floor_albedo, "WALLS", (0.05,))

@@ -9,13 +9,12 @@ import numpy as np
 import pytest
 from tiny_venue import TINY_PAIR, drift, make_venue, procam, solved, take_session
 
-from procam.estimate import calibration as assembling
 from procam.estimate.camera import binning
 from procam.files.calibration import load_calibration
 from procam.model.calibration import Calibration
 from procam.workflows.main_camera import MainCamera
 
-SIZE = replace(TINY_PAIR, projector_size=(160, 100), camera_size=(512, 512))
+SIZE = replace(TINY_PAIR, projector_size=(160, 100), camera_size=(512, 512), map_size=256)
 NUDGE = '{ kind = "turned", projector = "south", size = 0.6, angle_deg = 40 }'
 
 
@@ -24,7 +23,6 @@ def pair(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, Calib
     """A venue whose calibration 0001 is of all pixels, and 0002, from the same session, of blocks of four."""
     folder = tmp_path_factory.mktemp("large") / "venue"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(assembling, "MAP_SIZE", 256)
         venue = make_venue(folder, size=SIZE)
         session = take_session(venue)
         whole = load_calibration(solved(venue, session))

@@ -6,13 +6,14 @@ from pathlib import Path
 import pytest
 
 import studies.mistakes
-from procam.estimate import calibration as assemble
 from procam.estimate.light import floor_albedo
 from simulators.mistakes import LATER_STRENGTHS, STRENGTHS
 from simulators.scene import SceneSize
 from studies.mistakes import Stage, clean_row, later_rows, later_table, outcome, row_of, table
 
-SMALL = SceneSize(projectors=1, projector_size=(320, 200), camera_size=(400, 400), rays=128)
+SMALL = SceneSize(
+    projectors=1, projector_size=(320, 200), camera_size=(400, 400), rays=128, map_size=128
+)
 FLOOR_DROPS = (0.2,)  # depths at which the floor may lie: no mistake is about it
 NOTICED = {
     "a person in all photographs": (1.0, "darker than around it"),
@@ -41,7 +42,6 @@ SHOWN_BY = {  # tests that show the rest for less, and studies/mistakes.md in te
 def test_mistakes_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(studies.mistakes, "SIZE", SMALL)
     monkeypatch.setattr(studies.mistakes, "TRUTH_SIZE", 128)
-    monkeypatch.setattr(assemble, "MAP_SIZE", 128)
     monkeypatch.setattr(floor_albedo, "DROPS", FLOOR_DROPS)
     stage = Stage(1, tmp_path)
     clean = clean_row(stage)
@@ -78,7 +78,6 @@ def test_mistakes_after_a_calibration_are_named(
 ) -> None:
     monkeypatch.setattr(studies.mistakes, "SIZE", replace(SMALL, projectors=2))
     monkeypatch.setattr(studies.mistakes, "TRUTH_SIZE", 128)
-    monkeypatch.setattr(assemble, "MAP_SIZE", 128)
     monkeypatch.setattr(floor_albedo, "DROPS", FLOOR_DROPS)
     monkeypatch.setattr(
         studies.mistakes, "LATER_STRENGTHS", {n: s[-1:] for n, s in LATER_STRENGTHS.items()}

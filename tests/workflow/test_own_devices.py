@@ -21,7 +21,6 @@ from tiny_venue import (
 )
 
 import simulators.backend
-from procam.estimate import calibration as assembling
 from procam.files.calibration import load_calibration
 from procam.files.venue.load import load_venue
 from procam.model.frame import CameraSettings
@@ -90,8 +89,7 @@ def test_black_of_a_rig_without_shutters_is_noted_and_within_its_error(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The same dome twice: with shutters black is measured, without them the dark holds it."""
-    size = replace(TINY_PAIR, projector_size=(160, 100), camera_size=(256, 256))
-    monkeypatch.setattr(assembling, "MAP_SIZE", 256)
+    size = replace(TINY_PAIR, projector_size=(160, 100), camera_size=(256, 256), map_size=256)
     venue = make_venue(tmp_path / "with", size=size)
     measured = load_calibration(solved(venue, take_session(venue)))
     assert "black_level" not in measured.quality

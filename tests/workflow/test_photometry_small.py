@@ -5,22 +5,22 @@ from typing import Any
 
 import pytest
 
-from procam.estimate import calibration as assemble
 from simulators import truth
 from simulators.scene import SceneSize
 from studies import photometry
 
-SMALL = SceneSize(projectors=2, projector_size=(240, 150), camera_size=(320, 320), rays=256)
 MASTER = 128
+SMALL = SceneSize(
+    projectors=2, projector_size=(240, 150), camera_size=(320, 320), rays=256, map_size=MASTER
+)
 
 
 @pytest.fixture
 def row(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     """A realistic venue whose camera's veiling glare was measured at a desk."""
     with pytest.MonkeyPatch.context() as patch:
-        for module, name in ((assemble, "MAP_SIZE"), (truth, "MASTER"), (photometry, "MASTER")):
+        for module, name in ((truth, "MASTER"), (photometry, "MASTER"), (photometry, "PATCHES")):
             patch.setattr(module, name, MASTER)
-        patch.setattr(photometry, "PATCHES", MASTER)
         shared, folder = (tmp_path_factory.mktemp(n) for n in ("truth", "venue"))
         truth_dir = photometry.make_truth(shared, "realistic", SMALL)
         found = photometry.calibrate_and_judge(folder, "realistic", 1, truth_dir, SMALL)

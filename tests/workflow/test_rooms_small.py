@@ -4,13 +4,12 @@ from pathlib import Path
 
 import pytest
 
-from procam.estimate import calibration as assemble
 from simulators import truth
 from simulators.drawn_rooms import draw_room
 from simulators.scene import SceneSize
 from studies import rooms
 
-SMALL = SceneSize(projector_size=(240, 150), camera_size=(360, 360), rays=256)
+SMALL = SceneSize(projector_size=(240, 150), camera_size=(360, 360), rays=256, map_size=256)
 
 
 ROOM = 1  # one projector, a lens with a prior, a deck 0.35 radii below the rim
@@ -19,8 +18,7 @@ ROOM = 1  # one projector, a lens with a prior, a deck 0.35 radii below the rim
 def test_a_drawn_room_is_within_its_intervals(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for module, name in ((assemble, "MAP_SIZE"), (truth, "MASTER")):
-        monkeypatch.setattr(module, name, 256)
+    monkeypatch.setattr(truth, "MASTER", 256)
     row = rooms.calibrate_room(ROOM, tmp_path, SMALL)
     assert "refused" not in row, row
     value, sigma, true = row["albedo"]

@@ -12,7 +12,6 @@ from edited_files import rewritten
 from tiny_venue import CAMERA, Ran, procam, warped
 
 from procam.errors import FileFormatError
-from procam.estimate import calibration as assemble
 from procam.estimate.camera.radiance import Radiometer
 from procam.estimate.media_server.dome_master import DomeMaster
 from procam.files.calibration import load_calibration
@@ -36,7 +35,9 @@ from simulators.template import server_text
 from studies.seen import front, seen
 
 MASTER, MAPS = 512, 256
-SIZE = SceneSize(projectors=2, projector_size=(480, 300), camera_size=(480, 480), rays=64)
+SIZE = SceneSize(
+    projectors=2, projector_size=(480, 300), camera_size=(480, 480), rays=64, map_size=MAPS
+)
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,6 @@ class HandSession:
 @pytest.fixture(scope="module", autouse=True)
 def small_and_quick() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(assemble, "MAP_SIZE", MAPS)
         patch.setattr(truth, "MASTER", MAPS)
         yield
 

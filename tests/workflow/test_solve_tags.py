@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 from printed_tags import Printed, whiteness
-from tiny_venue import CAMERA, make_venue, take_session
+from tiny_venue import CAMERA, TINY_PAIR, make_venue, take_session
 
 from procam.files.calibration import load_calibration
 from procam.files.session import Session
@@ -19,9 +19,8 @@ from procam.model.plan import Plan, Shot
 from procam.workflows.solve.apriltags import tag_notes
 from procam.workflows.solve.calibrate import solve
 from simulators.placement import place_cameras
-from simulators.scene import SceneSize
 
-SIZE = SceneSize(projectors=2, projector_size=(128, 80), camera_size=(480, 480), rays=64)
+SIZE = replace(TINY_PAIR, camera_size=(480, 480))
 EDGE_M, RADIUS_M = 1.2, 6.0
 PLACES_DEG = {3: (12.0, 35.0), 4: (130.0, 30.0), 5: (-110.0, 50.0)}
 LOST = 11

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from edited_files import rewrite
 
 from procam.compensate.compensator import Compensator
-from procam.estimate import calibration as assemble
 from procam.estimate.light import separation
 from procam.files.calibration import load_calibration
 from procam.files.session import Session
@@ -17,7 +17,6 @@ from procam.generators import result_of
 from procam.workflows.solve.calibrate import solve
 
 STORED = Path(__file__).parents[1] / "data" / "venue-format-1.tar.xz"
-MAP_SIZE = 64  # as it was stored
 
 
 @pytest.fixture(scope="module")
@@ -25,6 +24,7 @@ def venue(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("stored")
     with tarfile.open(STORED) as archive:
         archive.extractall(folder, filter="data")
+    rewrite(folder / "venue.toml", "[screen]", "[screen]\nmap_size = 64")  # as it was then
     return folder
 
 
@@ -46,11 +46,11 @@ def test_a_calibration_loads_with_its_venue_state(venue: Path) -> None:
 def test_a_session_solves_to_the_calibration_stored_then(
     venue: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(assemble, "MAP_SIZE", MAP_SIZE)
     monkeypatch.setattr(separation, "CLEAR_SIGMAS", 0.0)  # blur was not measured then
     found = result_of(solve(load_venue(venue), Session(venue / "sessions" / "0001")))
     stored, again = (load_calibration(venue / "calibrations" / n) for n in ("0002", "0003"))
     assert found.directory.name == "0003"
+    assert again.maps.size == stored.maps.size == 64
     # scattered light was divided by a kernel's gain then, and pixels on the picture's border were decoded
     assert (abs(again.feedback.value - stored.feedback.value) < stored.feedback.sigma / 4).all()
     # the floor was in the rim's plane for certain then, and no wall returned light

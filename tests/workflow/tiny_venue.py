@@ -33,7 +33,9 @@ from simulators.template import venue_text
 from simulators.transport import Room
 
 CAMERA = "zenith"
-TINY = SceneSize(projectors=1, projector_size=(128, 80), camera_size=(200, 200), rays=64)
+TINY = SceneSize(
+    projectors=1, projector_size=(128, 80), camera_size=(200, 200), rays=64, map_size=128
+)
 TINY_PAIR = replace(TINY, projectors=2)
 QUIET_S = 0.01  # silence after which nothing more comes from a pseudo terminal
 WRITTEN_AT = re.compile(rb"\d{4}:\d\d:\d\d \d\d:\d\d:\d\d")

@@ -1,6 +1,6 @@
 """One projector of a calibration, from its light in camera channels."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,6 +27,20 @@ class Placed:
     view: DomeView
     nudges: Sequence[Nudge]
     moved_arcmin: float
+
+    @classmethod
+    def of(
+        cls,
+        geometry: GeometrySolution,
+        dome: Dome,
+        view: DomeView,
+        nudges: Sequence[Nudge],
+        measured: Iterable[ProjectorMeasurement],
+    ) -> "Placed":
+        """With the most that the camera turned while the projectors `measured` were photographed."""
+        pixels = max(each.moved_px for each in measured)
+        moved = float(60 * np.degrees(pixels / np.mean(view.camera.lens.focal)))
+        return cls(geometry, dome, view, nudges, moved)
 
 
 def unblended_projector(

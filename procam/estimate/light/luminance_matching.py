@@ -5,20 +5,22 @@ so the result is the largest white that stays below the available light and nowh
 limit (Majumder and Stevens 2005, doi:10.1145/1037957.1037964).
 """
 
+from math import gcd
+
 import numpy as np
 
 from procam.arrays import Array, BoolArray, Image
 from procam.maths.geometry.sphere import master_directions, master_pixels
 from procam.maths.warp import sample
 
-CELLS = 128  # edge of the dome master on which the limit is applied: 1.4 degrees a cell
+CELLS = 128  # most cells along the edge of the dome master on which the limit is applied: 1.4 degrees each
 # to neighbours, and back; the shortest path along these is at most 3 % longer than a straight one
 STEPS = ((0, 1), (1, 0), (1, 1), (1, -1), (1, 2), (2, 1), (1, -2), (2, -1))
 MOST_ROUNDS = 4 * CELLS
 
 
 def matched_white(hi: Array, lit: BoolArray, falloff_per_rad: float) -> Image:
-    """Shape (N, N) of the white, its largest value 1; N a multiple of `CELLS`.
+    """Shape (N, N) of the white, its largest value 1.
 
     Parameters
     ----------
@@ -35,12 +37,13 @@ def matched_white(hi: Array, lit: BoolArray, falloff_per_rad: float) -> Image:
     if falloff_per_rad == 0 or not lit.any():
         return np.ones((size, size), np.float32)
     dimmest = np.where(lit, (hi / hi[lit].mean(axis=0)).min(axis=-1), np.inf)
-    block = size // CELLS
-    lowest = dimmest.reshape(CELLS, block, CELLS, block).min(axis=(1, 3))
+    cells = gcd(size, CELLS)
+    block = size // cells
+    lowest = dimmest.reshape(cells, block, cells, block).min(axis=(1, 3))
     height = _limited_slope(np.log(np.maximum(lowest, 1e-9)), falloff_per_rad)
     shape = np.exp(height - height[np.isfinite(lowest)].max()).astype(np.float32)
     direction, _ = master_directions(size)
-    return np.minimum(sample(shape, master_pixels(direction, CELLS), outside=1.0), 1.0)
+    return np.minimum(sample(shape, master_pixels(direction, cells), outside=1.0), 1.0)
 
 
 def _limited_slope(height: Array, slope: float) -> Array:

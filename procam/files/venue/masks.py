@@ -25,8 +25,6 @@ from procam.maths.geometry.sphere import (
 from procam.model.calibration import Calibration
 from procam.model.mask import Mask, Nudge
 
-MASTER_SIZE = 1024  # edge of the dome master that PNGs of the dome are drawn on [px]
-
 
 def camera_masks(venue: Venue) -> dict[str, Mask]:
     """Camera pixels (H, W) that do not show the screen, by camera."""
@@ -101,10 +99,11 @@ def _of_dome(venue: Venue, outlines: Sequence[Outline], size: int) -> Mask:
 
 
 def _share_of_dome(venue: Venue, outline: Outline) -> float:
-    half_angle = np.radians(venue.table.screen.half_angle_deg)
-    on_dome = master_directions(MASTER_SIZE)[0][..., 2] >= np.cos(half_angle)
-    solid = master_solid_angles(MASTER_SIZE) * on_dome
-    marked = _of_dome(venue, [outline], MASTER_SIZE).covered
+    screen = venue.table.screen
+    size, half_angle = screen.map_size, np.radians(screen.half_angle_deg)
+    on_dome = master_directions(size)[0][..., 2] >= np.cos(half_angle)
+    solid = master_solid_angles(size) * on_dome
+    marked = _of_dome(venue, [outline], size).covered
     return float(solid[marked].sum() / solid.sum())
 
 

@@ -10,7 +10,8 @@ from typing import Any
 from procam.files.venue.tables import VenueTable
 
 SHARED = {
-    "screen": "kind radius_m half_angle_deg tilt_deg floor_albedo floor_albedo_sigma masks protected",
+    "screen": "kind radius_m half_angle_deg tilt_deg floor_albedo floor_albedo_sigma masks protected "
+    "map_size",
     "cameras.*": "size model f c k intrinsics response bits black_level vignetting glare glare_sigma masks",
     "projectors.*": "size kind lens fov_deg rotation_deg masks",
     "projectors.*.nudges.*": "pixel shift_px",

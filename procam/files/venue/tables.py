@@ -37,7 +37,7 @@ class _Table(BaseModel):
 
 
 class ScreenTable(_Table):
-    """[screen]."""
+    """[screen]; `map_size` is the edge of the calibration's dome maps [px]."""
 
     kind: Literal["dome"]
     radius_m: Annotated[FiniteFloat, Field(ge=0.1, le=1000)] | None = None
@@ -47,6 +47,7 @@ class ScreenTable(_Table):
     floor_albedo_sigma: Share = 0.05
     masks: list[Outline] = []
     protected: list[Outline] = []
+    map_size: Annotated[int, Field(ge=64, le=4096, multiple_of=64)] = 1024
 
 
 class CameraTable(_Table):

@@ -13,13 +13,12 @@ from procam.workflows.refine.stored_pictures import keep_pictures
 from procam.workflows.sample_content import half_sky
 from procam.workflows.solve.plausible import check_calibration
 
-CONTENT_SIZE = 1024  # edge of the sample picture [px]
-
 
 def keep_report(venue: Path) -> Path:
     """Write the pictures of the calibration in use, and the report that shows them; returns its path."""
     return_buffers()  # of the solve, which took more
-    keep_pictures(venue, load_calibration(calibration_in_use(venue)), half_sky(CONTENT_SIZE))
+    calibration = load_calibration(calibration_in_use(venue))
+    keep_pictures(venue, calibration, half_sky(calibration.maps.size))
     return write_report(venue)
 
 

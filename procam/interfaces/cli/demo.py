@@ -25,7 +25,7 @@ from procam.files.system import peak_memory_mib
 from procam.files.venue.load import Venue, load_venue, template_names, template_text
 from procam.interfaces.cli._options import Json
 from procam.interfaces.cli._output import Output, exit_if_missed
-from procam.interfaces.cli._sessions import CONTENT_SIZE, keep_refined
+from procam.interfaces.cli._sessions import keep_refined
 from procam.interfaces.judge import judge, judge_pictures
 from procam.interfaces.report import write_report
 from procam.interfaces.report.data import Material, read_material
@@ -100,7 +100,7 @@ def run_demo(out: Path, preset: str, judged_by: str, output: Output, table: bool
         "shots": Figure(shots, "-"),
         "session_gb": Figure(_gigabytes(out / "sessions"), "GB", Goal("<=", 1.5)),
     }
-    judged = half_sky(CONTENT_SIZE)
+    judged = half_sky(venue.table.screen.map_size)
     keep_pictures(out, load_calibration(first), judged)
     keep_loop(out, refined, judged)
     keep_refined(out, first, refined, output)
@@ -155,8 +155,8 @@ def _run(venue: Venue, output: Output) -> tuple[int, Path, Refined]:
         solved = output.follow(solve(venue, session))
         calibration = load_calibration(solved.directory)
         photographer = DrivenPhotographer(rig, calibration)
-        loop = refine(photographer, venue, calibration, interior(CONTENT_SIZE))  # judged on another
-        refined = output.follow(loop)
+        content = interior(calibration.maps.size)  # it is judged on another
+        refined = output.follow(refine(photographer, venue, calibration, content))
     return session.read_plan().exposures + refined.shots, solved.directory, refined
 
 

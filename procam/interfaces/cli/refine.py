@@ -48,7 +48,7 @@ def refine(
     calibration = load_calibration(kept)
     if picture:
         require_standard_canvas(calibration, "--picture", "leave it out to refine on half a sky")
-    content, note = read_square(picture) if picture else (half_sky(_sessions.CONTENT_SIZE), "")
+    content, note = read_square(picture) if picture else (half_sky(calibration.maps.size), "")
     with recorded(venue, "refine"):
         try:
             of = f"{kept.name} {digest(content)}"

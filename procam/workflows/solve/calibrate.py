@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from procam.estimate.calibration import assemble
+from procam.estimate.light.calibrated_projector import Placed
 from procam.files.calibration import save_calibration
 from procam.files.history.record import recorded
 from procam.files.session import Session
@@ -54,8 +55,10 @@ def _written(venue: Venue, session: Session, total: int) -> Steps[Path]:
     with MeasurementsOnDisk(venue.directory) as measured:
         seen = yield from measure_session(venue, session, measured, total)
         origin = replace(origin, notes=tuple(seen.notes))
-        rest = nudges(venue), origin, venue.table.blend.falloff_per_rad
-        calibration = assemble(seen.dome, seen.geometry, seen.view, measured, *rest)
+        where = seen.geometry, seen.dome, seen.view, nudges(venue)
+        placed = Placed.of(*where, measured.values())
+        falloff, map_size = venue.table.blend.falloff_per_rad, venue.table.screen.map_size
+        calibration = assemble(placed, measured, origin, falloff, map_size)
     if seen.rig.server:  # content is drawn as the server plays it
         calibration = replace(calibration, canvas=seen.rig.server.canvas)
     quality = seen.rig.figures_with(calibration.quality) | seen.black.figures(calibration)

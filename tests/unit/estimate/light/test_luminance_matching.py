@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from procam.estimate.light.luminance_matching import CELLS, matched_white
-from procam.maths.geometry.sphere import angle_between, master_directions
+from procam.maths.geometry.sphere import angle_between, master_directions, master_pixels
+from procam.maths.warp import sample
 
 SIZE = 2 * CELLS
 SLOPE = 0.5  # per radian
@@ -59,6 +60,15 @@ def test_round_a_dim_spot_it_is_a_cone(direction: np.ndarray) -> None:
     expected = np.minimum(1, 0.7 * np.exp(SLOPE * (angle - 0.05)))
     inside = lit(direction)
     np.testing.assert_allclose(shape[inside], expected[inside], rtol=0.03)
+
+
+@pytest.mark.parametrize("size", [CELLS // 2, 3 * CELLS // 2])
+def test_a_dome_master_that_the_cells_do_not_divide(size: int) -> None:
+    coarse, fine = (master_directions(n)[0] for n in (size, SIZE))
+    on, fine_on = coarse[..., 2] > 0.1, fine[..., 2] > 0.1
+    shape = matched_white(white(coarse), on, SLOPE)
+    expected = sample(matched_white(white(fine), fine_on, SLOPE), master_pixels(coarse, SIZE))
+    np.testing.assert_allclose(shape[on], expected[on], rtol=0.05)
 
 
 def test_nothing_lit(direction: np.ndarray) -> None:

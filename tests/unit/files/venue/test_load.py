@@ -181,6 +181,11 @@ MISTAKES = {
         "screen.radius_m",
         ["is 0; it must be 0.1 or more"],
     ),
+    "maps of 100 px": (
+        ("radius_m = 6.0", "map_size = 100"),
+        "screen.map_size",
+        ["is 100; it must be a multiple of 64"],
+    ),
     "radius NaN": (("radius_m = 6.0", "radius_m = nan"), "screen.radius_m", ["is nan", "finite"]),
     "radius in words": (
         ("radius_m = 6.0", 'radius_m = "six"'),
