@@ -33,6 +33,7 @@ from procam.estimate.light.spots import spot_notes
 from procam.estimate.light.unknown_vignetting import vignetting_notes
 from procam.maths.geometry.sphere import master_directions, master_solid_angles
 from procam.maths.warp import sample
+from procam.memory import return_buffers
 from procam.model.calibration import Calibration, ProjectorCalibration
 from procam.model.provenance import Provenance
 from procam.model.quality import Figure, Goal
@@ -63,6 +64,7 @@ def assemble(
     projectors = {
         name: unblended_projector(placed, name, each, unmix) for name, each in measured.items()
     }
+    return_buffers()  # directions of a panel's pixels take ten times what is kept of them
     master = _Master(placed, projectors, map_size)
     hi, lit = master.white.light, master.coverage > COVERED
     shape = matched_white(hi, lit, falloff_per_rad)

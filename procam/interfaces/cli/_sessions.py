@@ -17,9 +17,14 @@ from procam.workflows.solve.plausible import check_calibration
 def keep_report(venue: Path) -> Path:
     """Write the pictures of the calibration in use, and the report that shows them; returns its path."""
     return_buffers()  # of the solve, which took more
+    _keep_pictures(venue)
+    return_buffers()  # the report reads the calibration again, when this one is gone
+    return write_report(venue)
+
+
+def _keep_pictures(venue: Path) -> None:
     calibration = load_calibration(calibration_in_use(venue))
     keep_pictures(venue, calibration, half_sky(calibration.maps.size))
-    return write_report(venue)
 
 
 def keep_refined(directory: Path, kept: Path, refined: Refined, output: Output) -> Path:
