@@ -18,7 +18,7 @@ from procam.maths.mesh.canvas import MeshCanvas
 from procam.maths.mesh.compressed import CompressedFactors
 
 Sent = Callable[[Image], Image]  # light to send, from scattered light
-TOLERANCE = 1e-5  # of white, of what a face sees
+TOLERANCE = 1e-5  # of the brightest irradiance
 LEAST_RETURN = 1e-3  # share of the light that a room must lose at each bounce
 
 

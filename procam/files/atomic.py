@@ -17,7 +17,7 @@ from procam.files.system import flush, is_running, open_here
 
 SPARE_BYTES = 65536  # more than a library holds back until it closes a file
 ABANDONED_S = 86400.0  # since a computer of which no processes can be seen wrote a temporary file
-TEMPORARY = re.compile(r"\..*\.([0-9a-f]{8})-(\d+)-[0-9a-f]{8}\.tmp(\.|$)")
+TEMPORARY = re.compile(r"\..*\.([0-9a-f]{8})-(\d{1,9})-[0-9a-f]{8}\.tmp(\.|$)")
 
 
 @contextmanager
@@ -52,11 +52,12 @@ def _temporary(path: Path, suffix: str = "") -> Path:
 @cache
 def _remove_abandoned(folder: Path) -> None:
     """Remove temporary files and folders of killed runs: once for each folder, which may have many files."""
-    for path in folder.iterdir():
-        found = TEMPORARY.match(path.name)
-        with suppress(OSError):  # it may be renamed meanwhile
-            if found and _is_abandoned(path, found[1], int(found[2])):
-                _remove(path)
+    with suppress(OSError):  # a folder that may be written and not be listed
+        for path in folder.iterdir():
+            found = TEMPORARY.match(path.name)
+            with suppress(OSError):  # it may be renamed meanwhile
+                if found and _is_abandoned(path, found[1], int(found[2])):
+                    _remove(path)
 
 
 def _remove(path: Path) -> None:

@@ -14,7 +14,7 @@ MOST = 100
 
 
 def fixed_point(step: Callable[[Light], Light], start: Light, tolerance: float) -> Light:
-    """The array x of the shape of `start` with step(x) = x, as far as the largest difference tells.
+    """The array x of the shape of `start` with step(x) = x, to `tolerance` of its largest value.
 
     Raises
     ------
@@ -27,7 +27,7 @@ def fixed_point(step: Callable[[Light], Light], start: Light, tolerance: float) 
     for _ in range(MOST):
         result = step(place)
         residual = result - place
-        if np.abs(residual).max() <= tolerance:
+        if np.abs(residual).max() <= tolerance * np.abs(result).max():
             return result
         results = results[-MEMORY:] + [result]  # noqa: RUF005 - mypy
         residuals = residuals[-MEMORY:] + [residual]  # noqa: RUF005

@@ -14,7 +14,7 @@ class Note:
     code : its kind, in a few words that no version changes, for scripts and to compare calibrations.
     subject : "projector NAME", "camera NAME", the name of a mark, or "" of the venue.
     text : what is wrong and what to do, a sentence or two.
-    amount : how much of it there is, in what is just noted; 1 where it is no matter of degree.
+    amount : how much of it there is, in what is just noted, with its sign; 1 where it is no matter of degree.
     """
 
     code: str

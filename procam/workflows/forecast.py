@@ -217,8 +217,8 @@ def light_levels(
         reference * white,
         reference,
         reference * total,
-        _ratio(white, total),
-        _ratio(1.0, total),
+        ratio(white, total),
+        ratio(1.0, total),
         checkerboard_contrast(m, 0.0),
         checkerboard_contrast(m, black, ambient=ambient),
         checkerboard_contrast(m, black, compensated=True, ambient=ambient),
@@ -264,7 +264,7 @@ def checkerboard_contrast(
         wanted = target - scatter * flux
     direct = np.clip(wanted, lo, hi)
     total = add_interreflection(direct[:, None], scatter[:, None], area)[:, 0] + ambient
-    return _ratio(float(total[0]), float(total[1]))
+    return ratio(float(total[0]), float(total[1]))
 
 
 def picture_figures(
@@ -306,5 +306,6 @@ def _covered(calibration: Calibration, size: int) -> BoolArray:
     return np.asarray(inside & (sample(maps.coverage, master_pixels(direction, maps.size)) > 0.5))
 
 
-def _ratio(top: float, bottom: float) -> float:
+def ratio(top: float, bottom: float) -> float:
+    """A contrast; infinite over nothing."""
     return top / bottom if bottom > 0 else float("inf")

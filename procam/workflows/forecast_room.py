@@ -13,13 +13,13 @@ from procam.compensate.room import RoomCompensator
 from procam.errors import InputError
 from procam.maths.mesh.canvas import mesh_canvas
 from procam.maths.mesh.compressed import compressed_factors
-from procam.maths.mesh.facets import face_areas
 from procam.maths.mesh.rooms import Room, box_room, cylinder_room
-from procam.workflows.forecast import Levels
+from procam.workflows.forecast import Levels, ratio
 from procam.workflows.judged_picture import Judged, PictureFigures, Seen, figures_of
 
-SAMPLES = 512  # width of the pictures that are judged [px]
+SAMPLES = 512  # longer side of the pictures that are judged [px]
 FACES = 2500  # about so many: a box of 6 x 4 x 3 m in triangles of 0.3 m
+MOST_ASPECT = 50  # of a canvas
 SQUARES = 8  # of a checkerboard along the shorter side of the canvas
 GREEN = 1
 
@@ -61,6 +61,15 @@ class PlannedRoom:
                 f"contrast: {self.contrast:g} must be above 1, such as 2000 for 2000:1"
             )
 
+    @property
+    def area_m2(self) -> float:
+        """Of all its parts."""
+        if self.kind == "box":
+            width, depth, height = self.size
+            return 2 * (width * depth + width * height + depth * height)
+        radius_m, arc_deg, height_m = self.size
+        return float(np.radians(arc_deg)) * radius_m * (height_m + radius_m / 2)
+
     def room(self, edge_m: float) -> Room:
         """Its mesh, of triangles with edges of about `edge_m`."""
         if self.kind == "box":
@@ -99,13 +108,16 @@ class RoomProspect:
 
 def planned_room(plan: PlannedRoom, samples: int = SAMPLES) -> RoomProspect:
     """The prospect of a room, with the 95 % interval of its albedo."""
-    rough = plan.room(max(plan.size))
-    area = face_areas(rough.vertices, rough.faces).sum()
-    room = plan.room(float(np.sqrt(2 * area / FACES)))
-    width, height = room.size_m
-    size = (samples, max(1, round(samples * height / width)))
+    room = plan.room(float(np.sqrt(2 * plan.area_m2 / FACES)))
+    longest, shortest = max(room.size_m), min(room.size_m)
+    if longest > MOST_ASPECT * shortest:
+        raise InputError(
+            f"the canvas of this room would be {room.size_m[0]:.3g} x {room.size_m[1]:.3g} m; one side may "
+            f"be {MOST_ASPECT} times the other at most. Check the lengths and what is lit"
+        )
+    width, height = (max(1, round(samples * side / longest)) for side in room.size_m)
     canvas = mesh_canvas(
-        room.vertices, room.faces, room.part, room.place / np.array(room.size_m), size
+        room.vertices, room.faces, room.part, room.place / np.array(room.size_m), (width, height)
     )
     factors = compressed_factors(room.vertices, room.faces)
     lit = np.isin(room.part, [room.names.index(name) for name in plan.lit])
@@ -134,8 +146,8 @@ def _levels(room: RoomCompensator, reference: float) -> Levels:
         reference * before,
         reference * after,
         reference * black,
-        before / black,
-        after / black,
+        ratio(before, black),
+        ratio(after, black),
         _contrast(room, ideal.none(checker).observed, checker),
         _contrast(room, none, checker),
         _contrast(room, exact, checker),
@@ -161,5 +173,4 @@ def _mean(room: RoomCompensator, light: Image, where: FloatArray | float = 1.0) 
 
 def _contrast(room: RoomCompensator, light: Image, checker: Image) -> float:
     white = checker[..., GREEN]
-    black = _mean(room, light, 1 - white)
-    return _mean(room, light, white) / black if black > 0 else float("inf")
+    return ratio(_mean(room, light, white), _mean(room, light, 1 - white))

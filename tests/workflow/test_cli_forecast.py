@@ -152,9 +152,14 @@ class TestRoom:
         assert any("canvas 10.47 x 3 m" in text for text in message["assumptions"])
         assert 0.03 < message["light"]["feedback"]["value"] < 0.1
 
+    def test_a_panorama(self) -> None:
+        message = _document("--cylinder", 5, 360, 3, "--albedo", 0.6, "--contrast", "inf")
+        assert message["light"]["on_off_before"]["value"] is None  # infinite
+
     @pytest.mark.parametrize(
         ("arguments", "words"),
         [
+            (("--cylinder", 5, 0.001, 3, "--albedo", 0.5), "one side may be 50 times the other"),
             (("--lit", "front", "--albedo", 0.5), "give --box or --cylinder, one of them"),
             (("--box", 6, 4, 3, "--cylinder", 5, 90, 3, "--albedo", 0.5), "one of them"),
             (("--box", 6, 4, 3), "forecast of a room needs --albedo"),

@@ -69,7 +69,7 @@ def wave_notes(
         "lit may be wrong by more than is stated. Switch off sharpness, detail and dynamic contrast, show "
         "pictures pixel by pixel in 8 bits, and photograph again"
     )
-    amount = abs(ratio - 1) / NOT_PREDICTED
+    amount = (ratio - 1) / NOT_PREDICTED
     return [Note("altered pictures", f"projector {images.name}", text, amount)]
 
 

@@ -198,7 +198,7 @@ class StabilityChecks:
             size = getattr(worst, kind)
             if abs(size) <= max(SIGNIFICANT_SIGMAS * worst.sigma, noted):
                 continue
-            note = Note(kind, subject, advice.format(worst.shots, size), abs(size) / noted)
+            note = Note(kind, subject, advice.format(worst.shots, size), size / noted)
             if abs(size) > largest:
                 raise OutOfModelRange(
                     f"{note}; at most {largest:.1%} is usable, photograph it again"

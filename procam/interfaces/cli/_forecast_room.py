@@ -83,7 +83,8 @@ def _white(albedo: float, lumens: float | None, lit_m2: float) -> float:
 def _on_canvas(path: str, content: Image, prospect: RoomProspect) -> Image:
     """A picture at the size that is judged."""
     (width, height), (rows, columns) = prospect.size_m, content.shape[:2]
-    if abs(columns / rows / (width / height) - 1) > ASPECT:
+    off = abs(rows - columns * height / width)  # a picture has whole pixels
+    if off > max(0.5, ASPECT * rows):
         raise InputError(
             f"{path} is {columns} x {rows} px, and the canvas of this room {width:g} x {height:g} m; make "
             f"it {columns} x {round(columns * height / width)} (--out draws where each wall lies on it)"
@@ -108,7 +109,7 @@ def _assumptions(plan: PlannedRoom, prospect: RoomProspect, lumens: float | None
         f"{plan.others:g} of the rest; bands: both ends of the 95 % interval"
     )
     if plan.kind == "cylinder":
-        yield "the floor reflects within the arc; there is no ceiling, and behind the audience all is black"
+        yield "the floor reflects within the arc; above, and beyond the arc, all is black"
     width, height = prospect.size_m
     yield f"canvas {width:.4g} x {height:.4g} m; projectors of {plan.contrast:g}:1 full white to full black"
     if lumens is not None:

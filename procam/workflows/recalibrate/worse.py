@@ -1,5 +1,6 @@
 """Finds what is worse after a repair than before: notes, the fit, and how much a projector lights."""
 
+import math
 import re
 from collections.abc import Sequence
 
@@ -35,9 +36,11 @@ def new_notes(old: Calibration, notes: Sequence[Note]) -> list[Note]:
 def _is_known(note: Note, before: Note) -> bool:
     """Whether a note says what one before said, of the same device and of no much larger amount."""
     if not before.code:  # of a calibration of before notes had one
-        return _DIGITS.sub("", str(note)) == _DIGITS.sub("", str(before))
+        words = (_DIGITS.sub("", each.text) for each in (note, before))
+        return note.subject == before.subject and next(words) == next(words)
     same = (note.code, note.subject) == (before.code, before.subject)
-    return same and note.amount <= MUCH_MORE * before.amount + 1
+    along = note.amount * math.copysign(1, before.amount)
+    return same and -1 <= along <= MUCH_MORE * abs(before.amount) + 1
 
 
 def worse_notes(old: Calibration, repaired: Repaired, name: str, ambient: Measured) -> list[str]:

@@ -71,7 +71,7 @@ def with_long_exposure(images: SessionImages) -> tuple[SessionImages, list[Note]
         f"{found}; black is rescaled to that. Check the longest exposure that the camera can "
         "do, and [capture] black_exposure_s"
     )
-    amount = abs(np.log(ratio)) / NOTED
+    amount = np.log(ratio) / NOTED
     return replace(images, long_exposure=ratio), [
         Note("long exposure", f"camera {camera}", text, float(amount))
     ]
@@ -93,9 +93,7 @@ def black_notes(images: SessionImages, name: str) -> list[Note]:
         f"{shot.exposures_s[1]:g} s; the exposure time of a photograph of black or of the dark "
         "differs from its file's, or stray light got in. Photograph again; until then black is wrong"
     )
-    return [
-        Note("black exposure", f"projector {name}", text, float(abs(np.log(ratio)) / BLACK_NOTED))
-    ]
+    return [Note("black exposure", f"projector {name}", text, float(np.log(ratio) / BLACK_NOTED))]
 
 
 def _ratio(images: SessionImages, shot: Shot) -> tuple[float, float]:

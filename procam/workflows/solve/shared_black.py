@@ -30,14 +30,15 @@ class BlackLight:
         """A note on black, if it had to be estimated."""
         if self.fit is None:
             return []
-        error = float((self.fit.sigma / np.maximum(self.fit.total, 1e-12)).mean())
+        # what is no brighter than its error is not measured
+        error = float(np.minimum(self.fit.sigma / np.maximum(self.fit.total, 1e-12), 1).mean())
         text = (
             f"black of {', '.join(self.names)}: procam has no shutter to close there, so photographs of the "
             f"dark hold it. The sum of these blacks is estimated from the dark to +-{error:.0%}; light of "
             "the room may be part of it. To measure it give them a control, or photograph by hand, with "
             "lamps off or lenses covered in the dark (procam session plan)"
         )
-        return [Note("shared black", "", text, error)]
+        return [Note("shared black", "", text)]
 
     def figures(self, calibration: Calibration) -> dict[str, Figure]:
         """Direct light of black of the lit dome, and its standard error."""

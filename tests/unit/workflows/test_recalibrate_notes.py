@@ -31,6 +31,11 @@ def test_a_much_larger_amount_is_new() -> None:
     assert not new(walked("south", 3.0), walked("south", 1.1))
 
 
+def test_the_other_sign_is_new() -> None:
+    assert new(walked("south", -2.0), walked("south", 2.0))
+    assert not new(walked("south", -2.0), walked("south", -1.5))
+
+
 def test_another_kind_is_new() -> None:
     assert new(Note("moved", "projector south", "the camera moved"), walked("south"))
 
@@ -39,3 +44,4 @@ def test_notes_of_before_they_had_a_code_are_compared_by_their_words() -> None:
     note = Note("drift", "projector 1", "its light drifted by 3%", 2.0)
     assert not new(note, Note("", "projector 1", "its light drifted by 2.5%"))
     assert new(note, Note("", "projector 1", "its light shone by 2.5%"))
+    assert new(note, Note("", "projector 2", "its light drifted by 3%"))

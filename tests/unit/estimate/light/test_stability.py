@@ -93,7 +93,7 @@ def test_drift() -> None:
     (note,) = checks(drift=-0.01).notes("north")
     assert "drifted" in str(note) and "-1.0" in str(note)
     assert (note.code, note.subject) == ("drift", "projector north")
-    assert note.amount == pytest.approx(2.0, rel=0.05)  # of 0.5 %, which is just noted
+    assert note.amount == pytest.approx(-2.0, rel=0.05)  # of 0.5 %, which is just noted
 
 
 @pytest.mark.parametrize(
