@@ -96,15 +96,11 @@ def forecast(
     ] = None,
     box: Annotated[
         tuple[float, float, float] | None,
-        typer.Option(
-            help="Instead of a dome: width, depth and height of a room [m].", metavar="W D H"
-        ),
+        typer.Option(help="A room instead of a dome: width, depth, height.", metavar="W D H"),
     ] = None,
     cylinder: Annotated[
         tuple[float, float, float] | None,
-        typer.Option(
-            help="Instead of a dome: radius [m], arc [degrees] and height [m].", metavar="R ARC H"
-        ),
+        typer.Option(help="A cylinder instead of a dome: radius, arc, height.", metavar="R ARC H"),
     ] = None,
     lit: Annotated[
         list[str] | None,

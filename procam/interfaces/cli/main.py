@@ -29,7 +29,7 @@ SETTINGS = {"help_option_names": ["-h", "--help"]}
 PANELS = {
     "Before anything is bought": {
         "demo": "Calibrate a simulated dome, compensate a picture, and compare both with the truth.",
-        "forecast": "Predict white and contrast of a dome before anything is bought.",
+        "forecast": "Predict white and contrast of a dome or a room before anything is bought.",
     },
     "The venue": {
         "init": "Write a complete, commented venue.toml to start from.",
