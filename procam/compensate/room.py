@@ -19,7 +19,7 @@ from procam.maths.mesh.compressed import CompressedFactors
 
 Sent = Callable[[Image], Image]  # light to send, from scattered light
 TOLERANCE = 1e-5  # of the brightest irradiance
-LEAST_RETURN = 1e-3  # share of the light that a room must lose at each bounce
+BRIGHTEST = 0.999  # albedo: a room must lose light
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,9 +59,9 @@ class RoomCompensator:
     ) -> None:
         if albedo.shape != (len(factors.area), 3):
             raise ShapeError("albedo", albedo.shape, f"({len(factors.area)}, 3)")
-        if not ((albedo >= 0) & (albedo <= 1 - LEAST_RETURN)).all():
+        if not ((albedo >= 0) & (albedo <= BRIGHTEST)).all():
             raise InputError(
-                f"albedo: {albedo.min():g} to {albedo.max():g}; 0 to {1 - LEAST_RETURN:g} are needed"
+                f"albedo: {albedo.min():g} to {albedo.max():g}; 0 to {BRIGHTEST:g} are needed"
             )
         if np.any(np.asarray(lo) > np.asarray(hi)):
             raise InputError("lo and hi: lo is above hi; are they swapped?")

@@ -17,6 +17,7 @@ from procam.estimate.light.blend import Blender
 from procam.estimate.light.calibrated_projector import Placed, unblended_projector
 from procam.estimate.light.full_white import FullWhite, black_light
 from procam.estimate.light.measurement import ProjectorMeasurement
+from procam.maths.geometry.sphere import master_directions
 from procam.model.calibration import Calibration, ProjectorCalibration
 from procam.model.mask import Nudge
 from procam.model.provenance import Provenance
@@ -73,8 +74,9 @@ def _maps(
     """Maps of full white and black, and the coverage, new where a projector lights, or lit before."""
     maps, dome = calibration.maps, calibration.screen
     new = FullWhite(projectors, dome, maps.size)
-    old = FullWhite(calibration.projectors, dome, maps.size)
-    affected = (new.weights[name] > 0) | (old.weights[name] > 0)
+    direction = master_directions(maps.size)[0].astype(np.float32)
+    before = Blender(calibration.projectors, dome).weights(direction)[name]
+    affected = (new.weights[name] > 0) | (before > 0)
     coverage = np.where(affected, new.coverage, maps.coverage)
     lo = np.maximum(maps.lo + added, 0) * (coverage > 0)[..., None]
     hi = new.light * coverage[..., None] + lo

@@ -16,7 +16,7 @@ from procam.errors import FileFormatError
 from procam.files.system import flush, is_running, open_here
 
 SPARE_BYTES = 65536  # more than a library holds back until it closes a file
-ABANDONED_S = 86400.0  # since a computer of which no processes can be seen wrote a temporary file
+ABANDONED_S = 86400.0  # since a process that cannot be seen from here wrote its temporary file
 TEMPORARY = re.compile(r"\..*\.([0-9a-f]{8})-(\d{1,9})-[0-9a-f]{8}\.tmp(\.|$)")
 
 
@@ -68,13 +68,21 @@ def _remove(path: Path) -> None:
 
 
 def _is_abandoned(path: Path, computer: str, process: int) -> bool:
-    if computer == _this_computer():
-        return not is_running(process)
-    return time.time() - path.lstat().st_mtime > ABANDONED_S
+    running = is_running(process) if computer == _this_computer() else None
+    if running is None:
+        return time.time() - path.lstat().st_mtime > ABANDONED_S
+    return not running
 
 
+@cache
 def _this_computer() -> str:
-    return f"{crc32(platform.node().encode()):08x}"
+    """Of this computer and of how it numbers processes, which containers do by themselves."""
+    known = platform.node()
+    with suppress(OSError):  # macOS and Windows have neither
+        known += Path("/etc/machine-id").read_text("utf-8")
+    with suppress(OSError):
+        known += str(Path("/proc/self/ns/pid").readlink())
+    return f"{crc32(known.encode()):08x}"
 
 
 def require_room(path: Path) -> None:

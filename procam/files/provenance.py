@@ -1,7 +1,7 @@
 """The provenance of a calibration in calibration.json; what is empty is left out."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
@@ -21,11 +21,11 @@ def read_provenance(entry: Mapping[str, Any]) -> Provenance:
     return Provenance(
         _text(entry, "session"),
         _text(entry, "input_sha256"),
-        _texts(entry.get("backends", ())),
+        tuple(map(str, _list(entry, "backends"))),
         _text(entry, "python"),
         {str(name): str(version) for name, version in entry.get("versions", {}).items()},
-        tuple(_note(note) for note in entry.get("notes", ())),
-        _texts(entry.get("recalibrated", ())),
+        tuple(_note(note) for note in _list(entry, "notes")),
+        tuple(map(str, _list(entry, "recalibrated"))),
         dict(entry.get("by_hand", {})),
         dict(entry.get("meter", {})),
     )
@@ -47,7 +47,8 @@ def _text(entry: Mapping[str, Any], key: str) -> str:
     return found
 
 
-def _texts(entry: Sequence[Any]) -> tuple[str, ...]:
-    if isinstance(entry, str):
-        raise ValueError(f"{entry!r} is text where a list belongs")
-    return tuple(map(str, entry))
+def _list(entry: Mapping[str, Any], key: str) -> list[Any]:
+    found = entry.get(key, [])
+    if not isinstance(found, list):
+        raise ValueError(f"{key} is {found!r} where a list belongs")
+    return found

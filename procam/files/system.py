@@ -36,10 +36,10 @@ def try_lock(file: IO[Any]) -> bool:
     return True
 
 
-def is_running(process: int) -> bool:
-    """Whether a process of this computer is there, by its number; on Windows, always."""
+def is_running(process: int) -> bool | None:
+    """Whether a process of this computer is there, by its number; None on Windows, which cannot tell."""
     if not fcntl:
-        return True  # os.kill would end it
+        return None  # os.kill would end it
     try:
         os.kill(process, 0)
     except ProcessLookupError:

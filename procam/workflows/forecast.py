@@ -282,15 +282,14 @@ def picture_figures(
     return figures_of(content, none.observed, exact, Judged(lit, free, weight, black))
 
 
-def sampled(picture: Image, size: int = SAMPLES) -> Image:
-    """Every so many-th pixel of a picture (H, W, 3), as (height, `size`, 3).
+def sampled(picture: Image, width: int = SAMPLES, height: int | None = None) -> Image:
+    """Every so many-th pixel of a picture (H, W, 3), as (height, width, 3); square if no height is given.
 
     Values stay what they are: means would hide small lights and shadows that clip.
     """
-    height, width = picture.shape[:2]
     rows, columns = (
         ((np.arange(count) + 0.5) * (length / count)).astype(int)
-        for length, count in ((height, round(size * height / width)), (width, size))
+        for length, count in zip(picture.shape, (height or width, width), strict=False)
     )
     return picture[np.ix_(rows, columns)]
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from procam.arrays import FloatArray, Image
-from procam.compensate.room import RoomCompensator
+from procam.compensate.room import BRIGHTEST, RoomCompensator
 from procam.errors import InputError
 from procam.maths.mesh.canvas import mesh_canvas
 from procam.maths.mesh.compressed import compressed_factors
@@ -44,22 +44,27 @@ class PlannedRoom:
     contrast: float
 
     def __post_init__(self) -> None:
-        if not 0 < self.albedo - 1.96 * self.albedo_sigma:
+        if not 0 <= self.albedo_sigma:
+            raise InputError(f"--albedo-sigma is {self.albedo_sigma:g}; 0 or more is needed")
+        if not (0 < self.albedos[0] and self.albedos[-1] <= BRIGHTEST):
             raise InputError(
-                f"albedo: {self.albedo:g} with sigma {self.albedo_sigma:g}; albedo - 1.96 sigma must be "
-                "above 0"
+                f"albedo: {self.albedo:g} +- 1.96 times a sigma of {self.albedo_sigma:g} must stay between 0 "
+                f"and {BRIGHTEST:g}; give a smaller --albedo-sigma, or another --albedo"
             )
-        if not 0 <= self.albedo_sigma or not self.albedo + 1.96 * self.albedo_sigma < 1:
+        if not 0 <= self.others <= BRIGHTEST:
             raise InputError(
-                f"albedo: {self.albedo:g} with sigma {self.albedo_sigma:g}; albedo + 1.96 sigma must be "
-                "below 1"
+                f"--other-albedo is {self.others:g}; between 0 and {BRIGHTEST:g} is needed"
             )
-        if not 0 <= self.others < 1:
-            raise InputError(f"albedo of what is not lit: {self.others:g}; 0 to 1 is needed")
         if not 1 < self.contrast:
             raise InputError(
                 f"contrast: {self.contrast:g} must be above 1, such as 2000 for 2000:1"
             )
+
+    @property
+    def albedos(self) -> tuple[float, float, float]:
+        """At the low end, in the middle and at the high end of its 95 % interval."""
+        step = 1.96 * self.albedo_sigma
+        return self.albedo - step, self.albedo, self.albedo + step
 
     @property
     def area_m2(self) -> float:
@@ -121,13 +126,13 @@ def planned_room(plan: PlannedRoom, samples: int = SAMPLES) -> RoomProspect:
     )
     factors = compressed_factors(room.vertices, room.faces)
     lit = np.isin(room.part, [room.names.index(name) for name in plan.lit])
-    step, black = 1.96 * plan.albedo_sigma, 1 / plan.contrast
+    black = 1 / plan.contrast
 
     def end(albedo: float) -> RoomCompensator:
         albedos = np.where(lit, albedo, plan.others)[:, None] * np.ones((1, 3))
         return RoomCompensator(canvas, factors, albedos, black)
 
-    low, middle, high = (end(plan.albedo + s) for s in (-step, 0.0, step))
+    low, middle, high = (end(albedo) for albedo in plan.albedos)
     return RoomProspect((low, middle, high), plan.contrast, room.size_m, room.layout())
 
 

@@ -160,22 +160,38 @@ class TestRoom:
         ("arguments", "words"),
         [
             (("--cylinder", 5, 0.001, 3, "--albedo", 0.5), "one side may be 50 times the other"),
-            (("--lit", "front", "--albedo", 0.5), "give --box or --cylinder, one of them"),
-            (("--box", 6, 4, 3, "--cylinder", 5, 90, 3, "--albedo", 0.5), "one of them"),
+            (("--lit", "front", "--albedo", 0.5), "are of a room; give --box too"),
+            (
+                ("--box", 6, 4, 3, "--cylinder", 5, 90, 3, "--albedo", 0.5),
+                "are two rooms; give one of them",
+            ),
             (("--box", 6, 4, 3), "forecast of a room needs --albedo"),
-            (("--box", 6, 4, 3, "--albedo", 0.5, "--radius-m", 3), "--radius-m are of domes"),
+            (("--box", 6, 4, 3, "--albedo", 0.5, "--radius-m", 3), "--radius-m: only for domes"),
             (("--box", 6, 0, 3, "--albedo", 0.5), "box: 6 x 0 x 3 m; all lengths must be above 0"),
             (("--box", 6, 4, 3, "--albedo", 0.5, "--lit", "roof"), "name some of left, front"),
-            (("--cylinder", 5, 120, 3, "--albedo", 0.5, "--lit", "floor"), "only the wall is lit"),
-            (("--box", 6, 4, 3, "--albedo", 0.97), "albedo + 1.96 sigma must be below 1"),
-            (("--box", 6, 4, 3, "--albedo", 0.03), "albedo - 1.96 sigma must be above 0"),
-            (("--box", 6, 4, 3, "--albedo", 0.5, "--other-albedo", 1), "of what is not lit: 1;"),
+            (
+                ("--cylinder", 5, 120, 3, "--albedo", 0.5, "--lit", "floor"),
+                "of a cylinder the wall is lit",
+            ),
+            (("--box", 6, 4, 3, "--albedo", 0.97), "give a smaller --albedo-sigma, or another"),
+            (("--box", 6, 4, 3, "--albedo", 0.03), "must stay between 0 and 0.999"),
+            (
+                ("--box", 6, 4, 3, "--albedo", 0.5, "--other-albedo", 1),
+                "--other-albedo is 1; between 0 and",
+            ),
             (("--box", 6, 4, 3, "--albedo", 0.5, "--contrast", 1), "must be above 1, such as 2000"),
             (("--box", 6, 4, 3, "--albedo", 0.5, "--lumens", -1), "--lumens is -1; the sum"),
         ],
     )
     def test_what_is_no_room(self, arguments: tuple[object, ...], words: str) -> None:
         assert words in refused("forecast", *arguments)
+
+    def test_of_a_venue_that_is_calibrated(self, venue: Path) -> None:
+        assert "is a venue, and --box" in refused("forecast", venue, *self.BOX)
+
+    def test_a_picture_of_whole_pixels(self, tmp_path: Path) -> None:
+        write_image(tmp_path / "a.exr", np.zeros((19, 100, 3), np.float32), ("R", "G", "B"))
+        _document("--box", 16, 4, 3, "--lit", "front", "--albedo", 0.6, tmp_path / "a.exr")
 
     def test_a_picture_of_another_aspect(self, sky: Path) -> None:
         assert "the canvas of this room 14 x 3 m; make it 128 x 27 (--out draws where" in refused(

@@ -315,7 +315,7 @@ class TestFolder:
         shutil.copytree(track.calibration, tmp_path / "copy")
         shutil.copytree(track.calibration, tmp_path / "other")
         path = tmp_path / "other" / "calibration.json"
-        path.write_text(path.read_text().replace('"version": "test"', '"version": "later"'))
+        path.write_text(path.read_text().replace('"session": "0001"', '"session": "0009"'))
         hashes = []
         for name in ("0001", "copy", "other"):
             ran = procam(

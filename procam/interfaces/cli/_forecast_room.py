@@ -7,7 +7,7 @@ from pathlib import Path
 from procam.arrays import Image
 from procam.errors import InputError
 from procam.files.images.stills import read_picture
-from procam.interfaces.cli._forecast_text import USUAL, Described, Found
+from procam.interfaces.cli._forecast_text import USUAL, Described, Found, check_lumens
 from procam.interfaces.plots.forecast import RELATIVE
 from procam.maths.mesh.rooms import CYLINDER
 from procam.workflows.forecast import sampled
@@ -35,12 +35,12 @@ def room_found(
     InputError
         Both or neither are given, options of domes, a picture of another aspect than the canvas.
     """
+    check_lumens(lumens)
     plan = _planned(shapes, described, lit, OTHERS if others is None else others)
     prospect = planned_room(plan, SAMPLES)
     read = {str(path): read_picture(path) for path in paths}
     contents = {path: _on_canvas(path, content, prospect) for path, (content, _) in read.items()}
-    step = 1.96 * plan.albedo_sigma
-    white = [_white(plan.albedo + s, lumens, prospect.lit_m2) for s in (-step, 0.0, step)]
+    white = [_white(albedo, lumens, prospect.lit_m2) for albedo in plan.albedos]
     return Found(
         prospect.levels(white),
         RELATIVE if lumens is None else "cd/m2",
@@ -53,30 +53,29 @@ def room_found(
 def _planned(
     shapes: Mapping[str, Size], described: Described, lit: Sequence[str], others: float
 ) -> PlannedRoom:
-    if len(shapes) != 1:
-        raise InputError(
-            "forecast: --lit and --other-albedo are of a room; give --box or --cylinder, one of them"
-        )
+    if len(shapes) > 1:
+        raise InputError("forecast: --box and --cylinder are two rooms; give one of them")
+    if not shapes:
+        raise InputError("forecast: --lit and --other-albedo are of a room; give --box too")
+    if lit and "cylinder" in shapes:
+        raise InputError("forecast: --lit is for boxes; of a cylinder the wall is lit")
     foreign = [f"--{name.replace('_', '-')}" for name in described if name not in OF_ROOMS]
     if foreign:
-        raise InputError(f"forecast: {', '.join(foreign)} are of domes; leave them out for a room")
+        raise InputError(f"forecast: {', '.join(foreign)}: only for domes; leave it out for a room")
     if "albedo" not in described:
         raise InputError("forecast of a room needs --albedo, that of the parts that are lit")
     ((kind, size),) = shapes.items()
     values = USUAL | described
     usual = LIT if kind == "box" else CYLINDER[:1]
+    lit = tuple(dict.fromkeys(lit)) or usual
     paint = values["albedo"], values["albedo_sigma"]
-    return PlannedRoom(kind, size, tuple(lit) or usual, *paint, others, values["contrast"])
+    return PlannedRoom(kind, size, lit, *paint, others, values["contrast"])
 
 
 def _white(albedo: float, lumens: float | None, lit_m2: float) -> float:
     """Light of a direct white of 1.0 [cd/m2 if lumens are given]."""
     if lumens is None:
         return 1.0
-    if not 0 < lumens < math.inf:
-        raise InputError(
-            f"--lumens is {lumens:g}; the sum of all projectors is above 0, such as 10000"
-        )
     return albedo * lumens / (math.pi * lit_m2)
 
 
@@ -89,14 +88,8 @@ def _on_canvas(path: str, content: Image, prospect: RoomProspect) -> Image:
             f"{path} is {columns} x {rows} px, and the canvas of this room {width:g} x {height:g} m; make "
             f"it {columns} x {round(columns * height / width)} (--out draws where each wall lies on it)"
         )
-    lit = prospect.ends[1].canvas.lit
-    found = sampled(content, lit.shape[1])
-    return found[: lit.shape[0]] if len(found) >= len(lit) else _padded(found, len(lit))
-
-
-def _padded(picture: Image, rows: int) -> Image:
-    """A picture whose last row is repeated: rounding of its aspect."""
-    return picture[[*range(len(picture)), *[-1] * (rows - len(picture))]]
+    height_px, width_px = prospect.ends[1].canvas.lit.shape
+    return sampled(content, width_px, height_px)
 
 
 def _assumptions(plan: PlannedRoom, prospect: RoomProspect, lumens: float | None) -> Iterator[str]:

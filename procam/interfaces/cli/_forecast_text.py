@@ -7,6 +7,7 @@ from pathlib import Path
 from textwrap import wrap
 from typing import Any
 
+from procam.errors import InputError
 from procam.files.versions import chosen_calibration
 from procam.interfaces.plots.forecast import Layout
 from procam.workflows.forecast import Band, Levels, Prospect, band
@@ -132,6 +133,14 @@ def _verdict(unclipped: Band) -> str:
     if unclipped.low == unclipped.high:
         return "yes" if unclipped.value else "no"
     return f"{'yes' if unclipped.value else 'no'}, but not at both ends"
+
+
+def check_lumens(lumens: float | None) -> None:
+    """Refuse a sum of projectors that is none."""
+    if lumens is not None and not 0 < lumens < math.inf:
+        raise InputError(
+            f"--lumens is {lumens:g}; the sum of all projectors is above 0, such as 10000"
+        )
 
 
 def metered_nits(prospect: Prospect) -> float | None:

@@ -11,15 +11,31 @@ from dataclasses import dataclass, replace
 from json import dumps
 from pathlib import Path
 from textwrap import wrap
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-import typer
 
 from procam.errors import InputError
 from procam.files import atomic
 from procam.files.calibration import load_calibration
 from procam.files.versions import chosen_calibration, venue_of_calibration
+from procam.interfaces.cli._forecast_options import (
+    Albedo,
+    AlbedoSigma,
+    Box,
+    Contrast,
+    Coverage,
+    Cylinder,
+    FloorAlbedo,
+    HalfAngle,
+    Lit,
+    Lumens,
+    OtherAlbedo,
+    Out,
+    Paths,
+    Radius,
+    Reflecting,
+)
 from procam.interfaces.cli._forecast_room import room_found
 from procam.interfaces.cli._forecast_text import (
     COLUMNS,
@@ -28,6 +44,7 @@ from procam.interfaces.cli._forecast_text import (
     Found,
     assumed_lines,
     assumptions_of,
+    check_lumens,
     light_lines,
     metered_nits,
     picture_lines,
@@ -36,7 +53,6 @@ from procam.interfaces.cli._forecast_text import (
 from procam.interfaces.cli._options import Json
 from procam.interfaces.cli._output import Output
 from procam.interfaces.plots.forecast import RELATIVE, write_plot
-from procam.maths.mesh.rooms import BOX
 from procam.model.calibration import Calibration
 from procam.model.screen import Dome
 from procam.workflows.forecast import (
@@ -61,59 +77,22 @@ UNCHANGED = (
 
 
 def forecast(
-    paths: Annotated[
-        list[Path] | None,
-        typer.Argument(
-            metavar="VENUE@N|IMAGE",
-            help="First a calibrated venue, if there is one; then pictures: PNG, TIFF or EXR.",
-        ),
-    ] = None,
+    paths: Paths = None,
     *,
-    albedo: Annotated[float | None, typer.Option(help="Of the paint, 0..1.")] = None,
-    albedo_sigma: Annotated[
-        float | None, typer.Option(help="Its standard error; 0.03 if not given.")
-    ] = None,
-    coverage: Annotated[
-        float | None, typer.Option(help="Share of the cap that projectors light.")
-    ] = None,
-    reflecting: Annotated[
-        float | None,
-        typer.Option(help="Share of the cap that is painted, lit or not; 1 if not given."),
-    ] = None,
-    half_angle_deg: Annotated[
-        float | None, typer.Option(help="From the cap's pole to its rim; 90 if not given.")
-    ] = None,
-    floor_albedo: Annotated[
-        float | None, typer.Option(help="Of the floor; 0.1 if not given.")
-    ] = None,
-    contrast: Annotated[
-        float | None,
-        typer.Option(help="Of the projectors, full white to full black; 2000 if not given."),
-    ] = None,
-    radius_m: Annotated[float | None, typer.Option(help="Of the dome; for cd/m2.")] = None,
-    lumens: Annotated[
-        float | None, typer.Option(help="Of all projectors together; for cd/m2.")
-    ] = None,
-    box: Annotated[
-        tuple[float, float, float] | None,
-        typer.Option(help="A room instead of a dome: width, depth, height.", metavar="W D H"),
-    ] = None,
-    cylinder: Annotated[
-        tuple[float, float, float] | None,
-        typer.Option(help="A cylinder instead of a dome: radius, arc, height.", metavar="R ARC H"),
-    ] = None,
-    lit: Annotated[
-        list[str] | None,
-        typer.Option(
-            help=f"A part of a box that projectors light: {', '.join(BOX)}. May be repeated."
-        ),
-    ] = None,
-    other_albedo: Annotated[
-        float | None, typer.Option(help="Of a room's parts that are not lit; 0.2 if not given.")
-    ] = None,
-    out: Annotated[
-        Path | None, typer.Option(help="Folder for forecast.png and forecast.json.")
-    ] = None,
+    albedo: Albedo = None,
+    albedo_sigma: AlbedoSigma = None,
+    coverage: Coverage = None,
+    reflecting: Reflecting = None,
+    half_angle_deg: HalfAngle = None,
+    floor_albedo: FloorAlbedo = None,
+    contrast: Contrast = None,
+    radius_m: Radius = None,
+    lumens: Lumens = None,
+    box: Box = None,
+    cylinder: Cylinder = None,
+    lit: Lit = None,
+    other_albedo: OtherAlbedo = None,
+    out: Out = None,
     json: Json = False,
 ) -> None:
     """Predict white and contrast of a dome or a room before anything is bought.
@@ -134,6 +113,11 @@ def forecast(
     given = {name: value for name, value in described.items() if value is not None}
     shapes = {kind: size for kind, size in (("box", box), ("cylinder", cylinder)) if size}
     if shapes or lit or other_albedo is not None:
+        if paths and _is_calibrated(paths[0]):
+            raise InputError(
+                f"forecast: {paths[0]} is a venue, and --box, --cylinder, --lit and --other-albedo "
+                "describe a room that is planned; give one or the other"
+            )
         found = room_found(paths or [], shapes, given, lit or (), other_albedo, lumens)
     else:
         found = _of_dome(paths or [], given, lumens)
@@ -220,13 +204,8 @@ def _prospect(venue: Path | None, described: Described) -> Prospect:
 
 def _check_light(lumens: float | None, described: Described, venue: Path | None) -> None:
     """A luminance needs lumens and a radius."""
-    if lumens is None:
-        return
-    if not 0 < lumens < math.inf:
-        raise InputError(
-            f"--lumens is {lumens:g}; the sum of all projectors is above 0, such as 10000"
-        )
-    if venue is None and "radius_m" not in described:
+    check_lumens(lumens)
+    if lumens is not None and venue is None and "radius_m" not in described:
         raise InputError("--lumens needs --radius-m, the dome's radius [m]")
 
 

@@ -52,6 +52,7 @@ def solve_again(
         session_provenance(venue, session),
         notes=tuple(dict.fromkeys([*kept, *now.notes])),
         recalibrated=(*old.provenance.recalibrated, name),
+        meter=old.provenance.meter,  # the content's unit stays
     )
     lights = (_with_black(venue, before, old, name), _with_black(venue, now, old, name))
     new = with_projector(old, name, now.geometry, now.view, lights, nudges(venue), origin)

@@ -82,7 +82,8 @@ def _lens_notes(problem: RigProblem, found: GeometrySolution) -> list[Note]:
         if abs(share) > REFUSED_SIGMAS * prior[0]:
             raise CalibrationError(line)
         if abs(share) > PRIOR_SIGMAS * prior[0]:
-            notes.append(Note("lens contradicts", "", line, abs(share) / prior[0]))
+            text = line.removeprefix(f"camera {name}: ")
+            notes.append(Note("lens contradicts", f"camera {name}", text, share / prior[0]))
     return notes
 
 

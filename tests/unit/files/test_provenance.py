@@ -49,6 +49,8 @@ def test_lines_of_before_notes_had_a_code(line: str, subject: str) -> None:
         [],
         {"session": 7},
         {"backends": "camera"},
+        {"notes": "abc"},
+        {"notes": {"code": "x"}},
         {"notes": [{"code": 3, "subject": "", "text": "", "amount": 1}]},
         {"notes": [{"code": "", "subject": "", "text": ""}]},
         {"notes": [7]},
