@@ -30,7 +30,9 @@ if TYPE_CHECKING:
 RELATIVE = "x direct white"
 Layout = Mapping[str, tuple[float, float, float, float]]  # left, top, width and height by name [m]
 DIRECT, SCATTERED, WITHOUT, WITH = "#4393c3", "#f4a582", "#ca403c", "#053061"
-WIDTH, TOP, BESIDE = 10.5, 3.9, 0.8  # inches; of a row of pictures, titles and legend
+WIDTH, TOP, BESIDE = 10.5, 3.9, 1.2  # inches; of a row of pictures, titles and legend
+TALLEST = 2.0  # height over width of a picture that is drawn in full width
+SMALL_PART = 0.12  # of the canvas's longer side: parts that are narrower have no label
 ROUND = [digit * 10.0**power for power in range(7) for digit in (1, 2, 5)]
 WHITE_SHARES = np.geomspace(0.005, 0.95, 60)
 TITLES = ("target", "without compensation", "with compensation", "limits")
@@ -67,7 +69,7 @@ def write_plot(
 def _height(seen: Seen) -> float:
     """Of a picture's row [inches]."""
     rows, columns = seen.limits.shape
-    return BESIDE + WIDTH / len(TITLES) * rows / columns
+    return BESIDE + WIDTH / len(TITLES) * min(rows / columns, TALLEST)
 
 
 def _draw_white(axes: "Axes", levels: Sequence[Levels], unit: str) -> None:
@@ -140,10 +142,13 @@ def _draw_contrast(axes: "Axes", levels: Sequence[Levels]) -> None:
 
 def _draw_layout(axes: "Axes", layout: Layout) -> None:
     """Where the walls of a room lie on its canvas."""
+    longest = max(max(left + width, top + height) for left, top, width, height in layout.values())
     for name, (left, top, width, height) in layout.items():
         right, bottom = left + width, top + height
         corners = [left, right, right, left], [top, top, bottom, bottom]
         axes.fill(*corners, facecolor="#eef3f7", edgecolor=INK, lw=0.8)
+        if min(width, 2 * height) < SMALL_PART * longest:
+            continue
         text = f"{name}\n{width:.3g} x {height:.3g} m"
         axes.text(left + width / 2, top + height / 2, text, ha="center", va="center", fontsize=8.5)
     axes.set_xlim(0, max(left + width for left, _, width, _ in layout.values()))
@@ -176,10 +181,10 @@ def _draw_picture(part: "SubFigure", name: str, seen: Seen, is_room: bool) -> No
         show_dome(axes, title, light_colours(picture, white, unlit), inside)
     show_dome(panels[3], TITLES[3], np.array(LIMITS)[seen.limits] / 255, inside)
     add_legend_squares(panels[3], LIMIT_NAMES)
-    panels[3].legend(
-        loc="upper center",
-        bbox_to_anchor=(0.5, 0.02),
-        ncols=2,
+    part.legend(
+        *panels[3].get_legend_handles_labels(),
+        loc="outside lower right",
+        ncols=4,
         frameon=False,
         fontsize=8.5,
         handletextpad=0.2,
