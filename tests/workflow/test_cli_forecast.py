@@ -159,7 +159,9 @@ class TestRoom:
     @pytest.mark.parametrize(
         ("arguments", "words"),
         [
-            (("--cylinder", 5, 0.001, 3, "--albedo", 0.5), "one side may be 50 times the other"),
+            (("--cylinder", 5, 2.09, 3, "--albedo", 0.5), "an arc of 2.09 degrees; 10 to 360"),
+            (("--box", 6000, 4000, 3000, "--albedo", 0.5), "Are they millimetres?"),
+            (("--box", 200, 4, 3, "--lit", "front", "--albedo", 0.5), "one side may be 50 times"),
             (("--lit", "front", "--albedo", 0.5), "are of a room; give --box too"),
             (
                 ("--box", 6, 4, 3, "--cylinder", 5, 90, 3, "--albedo", 0.5),

@@ -16,6 +16,8 @@ from procam.errors import InputError
 STRIP = ("left", "front", "right", "back")  # walls of a box on the canvas, from left to right
 BOX = (*STRIP, "floor", "ceiling")
 CYLINDER = ("wall", "floor")
+LARGEST_M = 500.0
+SMALLEST_ARC = np.radians(10)  # a smaller one was given in radians
 NO_AREA = 1e-12  # of a part's area: triangles at the axis of a round floor
 Points = Callable[
     [Array, Array], Array
@@ -89,9 +91,9 @@ def cylinder_room(
 ) -> Room:
     """An upright cylinder wall over an arc [rad] about the front, and the floor within it; open else."""
     radius, height = _lengths("cylinder", (radius_m, height_m))
-    if not 0 < arc <= 2 * np.pi:
+    if not SMALLEST_ARC <= arc <= 2 * np.pi:
         raise InputError(
-            f"cylinder: an arc of {np.degrees(arc):g} degrees; above 0 and at most 360 are needed"
+            f"cylinder: an arc of {np.degrees(arc):g} degrees; {np.degrees(SMALLEST_ARC):g} to 360 are needed"
         )
 
     def wall(along: Array, down: Array) -> Array:
@@ -114,9 +116,11 @@ def cylinder_room(
 
 
 def _lengths(kind: str, lengths: Sequence[float]) -> Sequence[float]:
-    if not all(0 < length < np.inf for length in lengths):
+    if not all(0 < length <= LARGEST_M for length in lengths):
         shown = " x ".join(f"{length:g}" for length in lengths)
-        raise InputError(f"{kind}: {shown} m; all lengths must be above 0")
+        raise InputError(
+            f"{kind}: {shown} m; all lengths must be above 0 and at most {LARGEST_M:g}. Are they millimetres?"
+        )
     return lengths
 
 

@@ -101,7 +101,7 @@ def test_a_cylinder_and_its_floor() -> None:
     lambda: cylinder_room(5.0, 1.0, 3.0, ["wall", "floor"], 0.5),
 ])  # fmt: skip
 def test_what_is_no_room_is_refused(make) -> None:  # type: ignore[no-untyped-def]
-    with pytest.raises(InputError, match=r"above 0|name some of|no place on the canvas"):
+    with pytest.raises(InputError, match=r"above 0|10 to 360|name some of|no place on the canvas"):
         make()
 
 
