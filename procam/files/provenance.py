@@ -8,6 +8,8 @@ from typing import Any
 from procam.files.calibration_entries import number
 from procam.model.provenance import Note, Provenance
 
+# how notes began before they had a code: with a device, or with a share of a projector's picture
+RIM = re.compile(r"(.+% of) the picture of ([^ ]+) (lie beyond the dome's rim.*)", re.DOTALL)
 SUBJECT = re.compile(r"((?:projector|camera) [^ :]+): (.*)", re.DOTALL)
 
 
@@ -34,6 +36,8 @@ def read_provenance(entry: Mapping[str, Any]) -> Provenance:
 def _note(entry: Mapping[str, Any] | str) -> Note:
     """A note; of a calibration of before notes had a code, its line."""
     if isinstance(entry, str):
+        if beyond := RIM.fullmatch(entry):
+            return Note("", f"projector {beyond[2]}", f"{beyond[1]} its picture {beyond[3]}")
         found = SUBJECT.fullmatch(entry)
         return Note("", found[1], found[2]) if found else Note("", "", entry)
     code, subject, text = (_text(entry, key) for key in ("code", "subject", "text"))

@@ -18,24 +18,27 @@ WAVES = 6  # at least so many of a code, evenly picked, have their light predict
 # and 0.005 of waves of 50 px, where it is harmless
 NOT_PREDICTED = 0.01
 GREEN = 1
-ODD_TEXT = (
-    "{} shows {:.2f} times the light of its other waves: its exposure time differs from the file's, or stray "
-    "light got in, so directions and what is lit may be wrong by more than is stated. Photograph again"
-)
 
 
 def odd_waves(light: Mapping[int, float], shots: Sequence[Shot], name: str) -> list[Note]:
-    """Notes of a code's pictures that are brighter or darker than the others; fine waves have equal light.
+    """A note of a code's pictures that are brighter or darker than the others: fine waves have equal light.
 
     `light` are mean counts by number: white, black, planes.
     """
     planes = {str(s.id): light[int(s.detail["plane"])] - light[1] for s in shots}
     usual = float(np.median(list(planes.values())))
-    return [
-        Note("odd photograph", f"projector {name}", ODD_TEXT.format(shot, value / usual), amount)
-        for shot, value in planes.items()
-        if (amount := abs(value / usual - 1) / ODD_LIGHT) > 1
-    ]
+    ratios = {shot: value / usual for shot, value in planes.items()}
+    odd = {shot: ratio for shot, ratio in ratios.items() if abs(ratio - 1) > ODD_LIGHT}
+    if not odd:
+        return []
+    listed = ", ".join(f"{shot} ({ratio:.2f} times)" for shot, ratio in odd.items())
+    text = (
+        f"photographs of its waves show other light than the rest of them: {listed}. Their exposure times "
+        "differ from the files', or stray light got in, so directions and what is lit may be wrong by more "
+        "than is stated. Photograph again"
+    )
+    amount = sum(abs(ratio - 1) for ratio in odd.values()) / ODD_LIGHT
+    return [Note("odd photographs", f"projector {name}", text, amount)]
 
 
 def wave_notes(

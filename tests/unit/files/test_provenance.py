@@ -60,3 +60,10 @@ def test_lines_of_before_notes_had_a_code(line: str, subject: str) -> None:
 def test_damaged_entries_raise_what_a_damaged_document_raises(damaged: Any) -> None:
     with pytest.raises((AttributeError, LookupError, TypeError, ValueError)):
         read_provenance(damaged)
+
+
+def test_a_sentence_that_was_reworded_is_known_again() -> None:
+    line = "1.2% of the picture of south lie beyond the dome's rim and do not count as screen"
+    (note,) = read_provenance({"notes": [line]}).notes
+    assert note.subject == "projector south"
+    assert note.text == "1.2% of its picture lie beyond the dome's rim and do not count as screen"

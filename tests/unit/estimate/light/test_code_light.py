@@ -77,4 +77,8 @@ def test_a_wave_with_the_light_of_another_exposure_is_named() -> None:
     shots = [Shot(f"w-{n}", "code", "p", "", (0.1,), detail={"plane": n}) for n in range(2, 7)]
     light = {0: 900.0, 1: 100.0, 2: 500.0, 3: 504.0, 4: 538.0, 5: 444.0, 6: 497.0}
     (note,) = odd_waves(light, shots, "p")
-    assert "w-5 shows 0.86 times" in str(note)
+    assert "other light than the rest of them: w-5 (0.86 times). Their" in str(note)
+    assert note.amount == pytest.approx(1.4, abs=0.05)
+    light[3] = 700.0  # one more is more of it
+    (both,) = odd_waves(light, shots, "p")
+    assert "w-3 (1.50 times), w-5" in str(both) and both.amount > 2 * note.amount + 1
