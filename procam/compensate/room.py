@@ -1,8 +1,8 @@
 """Compensation on the canvas of a room of any shape: (P) of docs/theory/compensation.md, (C2).
 
-What a face sees of all others, its irradiance, is the unknown: with it the scattered light of every pixel is
-known, so the light to send, and so what faces see. Each step of the iteration is one product with the form
-factors and one look at the picture.
+The unknown is the irradiance of every face. It determines the scattered light of every pixel, hence the light
+to send, hence the irradiance again: a fixed point. A step costs one product with the form factors and one pass
+over the picture.
 """
 
 from collections.abc import Callable
@@ -26,7 +26,7 @@ BRIGHTEST = 0.999  # albedo: a room must lose light
 class RoomPicture:
     """A picture (H, W, 3) on a canvas, 0 off the screen.
 
-    `direct` light of the projectors, `observed` with all bounces [rel]; `free` : no limit holds.
+    `direct` light of the projectors, `observed` with inter-reflections [rel]; `free` : no limit holds.
     """
 
     direct: Image

@@ -37,7 +37,7 @@ class Provenance:
     notes : warnings of the solve.
     recalibrated : names of projectors that were measured again since.
     by_hand : masks, protected parts and nudges, as `files.venue.masks.manual_edits` gives them.
-    meter : readings of a hand meter, and what they say, as `procam meter` writes them.
+    meter : readings of a hand meter and the results, as `procam meter` writes them.
     """
 
     session: str = ""

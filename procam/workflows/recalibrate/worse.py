@@ -25,7 +25,7 @@ _DIGITS = re.compile(r"[\d.]+")
 
 
 def new_notes(old: Calibration, notes: Sequence[Note]) -> list[Note]:
-    """Notes of new photographs that the calibration did not have, or of a much smaller amount.
+    """Notes of new photographs that the calibration does not have, or has with a much smaller amount.
 
     Each says that a figure is wrong or may be, and the calibration that is to be repaired is not.
     """
@@ -34,7 +34,7 @@ def new_notes(old: Calibration, notes: Sequence[Note]) -> list[Note]:
 
 
 def _is_known(note: Note, before: Note) -> bool:
-    """Whether a note says what one before said, of the same device and of no much larger amount."""
+    """Whether a note is of the same kind, device and sign as one before, and at most about twice as large."""
     if not before.code:  # of a calibration of before notes had one
         words = (_DIGITS.sub("", each.text) for each in (note, before))
         return note.subject == before.subject and next(words) == next(words)
