@@ -1,8 +1,8 @@
 """Compensation on the canvas of a room of any shape: (P) of docs/theory/compensation.md, (C2).
 
 The unknown is the irradiance of every face. It determines the scattered light of every pixel, hence the light
-to send, hence the irradiance again: a fixed point. A step costs one product with the form factors and one pass
-over the picture.
+to send, hence the irradiance again: a fixed point. A step costs one product with the form factors and one
+pass over the picture.
 """
 
 from collections.abc import Callable
