@@ -77,6 +77,7 @@ PARSING = {
 LIBRARIES = re.compile(r"(av|ImageInput)\.open|open\('rb'\)")
 # what reads no file that may be wrong, or only by functions that are run
 NO_READERS = {
+    "files/atomic.py:_this_computer": "files of the system",
     "files/bundle/pictures.py:_file_bytes": "its own temporary file",
     "files/bundle/write.py:_files": "a file of the package",
     "files/bundle/write.py:writing_bundle": "makes the archive",
