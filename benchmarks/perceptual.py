@@ -12,7 +12,7 @@ from procam.maths.geometry.sphere import master_directions, master_solid_angles
 from procam.memory import keep_large_buffers
 from procam.model.calibration import Calibration
 from procam.model.screen import Dome
-from procam.model.transport import DomeMaps, Measured
+from procam.model.transport import Measured, ScreenMaps
 
 NODES = 1024
 STILL, MOVIE = 1024, 4096  # px
@@ -29,7 +29,7 @@ def calibration() -> Calibration:
     lit = inside & (direction[..., 2] > 0.1)
     one = np.ones((NODES, NODES, 3), np.float32)
     area = float((master_solid_angles(NODES) * lit).sum())
-    maps = DomeMaps(
+    maps = ScreenMaps(
         scatter_per_flux=one * np.float32(FEEDBACK / area),
         albedo=one * np.float32(0.5),
         lo=one * np.float32(0.0005),

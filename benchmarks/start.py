@@ -22,7 +22,7 @@ from procam.files.versions import next_directory
 from procam.model.calibration import Calibration
 from procam.model.quality import Figure
 from procam.model.screen import Dome
-from procam.model.transport import DomeMaps, Measured, ScatterKernel
+from procam.model.transport import Measured, ScatterKernel, ScreenMaps
 from studies.history import DOCUMENT
 
 ROUNDS = 11
@@ -111,7 +111,7 @@ def _calibration() -> Calibration:
     bend = np.stack([np.diag([1.0, *[0.05] * 8])] * 3)
     kernel = ScatterKernel(2, bend, bend[:, 0])
     albedo = np.full_like(model.spread, 0.3)
-    maps = DomeMaps(model.spread, albedo, model.lo, model.hi, model.coverage, kernel=kernel)
+    maps = ScreenMaps(model.spread, albedo, model.lo, model.hi, model.coverage, kernel=kernel)
     return Calibration(Dome(5.0, np.pi / 2), {}, {}, maps, some, some, np.eye(3))
 
 

@@ -13,14 +13,37 @@ from simulators.devices import SimulatedCamera, SimulatedProjector
 from simulators.drawn_rooms import draw_room
 from simulators.drifts import Drift, drifted
 from simulators.faults import apply_faults
-from simulators.presets import PRESETS, PresetName
+from simulators.presets import PRESETS, Preset, PresetName
 from simulators.projector_state import ProjectorState
 from simulators.scene import DomeScene, SceneSize
 from simulators.serial_port import EmulatedEscVp21
 from simulators.server import NAME as SERVER
 from simulators.server import MediaServer, Relay, SimulatedServer
+from simulators.walled_room import WalledSurface
+from simulators.walls import walls_of
 
 Size = tuple[int, int]
+
+
+class Walls(BaseModel):
+    """[simulated.walls]: a room of walls as it is built, which venue.toml may not know exactly.
+
+    `lengths` [m] and arc [degrees] are those of `walls.walls_of`; `lit` walls have the preset's paint.
+    """
+
+    model_config = ConfigDict(extra="forbid")
+    kind: Literal["box", "cylinder", "L"]
+    lengths: dict[str, float]
+    lit: list[str]
+    others: dict[str, float] = Field(default_factory=dict)
+    other_albedo: float = Field(default=0.2, ge=0, le=0.95)
+    patch_m: float = Field(default=0.25, gt=0)
+
+    def surface(self, preset: Preset) -> WalledSurface:
+        """The walls under a preset's paint."""
+        walls = walls_of(self.kind, self.lengths)
+        others = {w.name: self.others.get(w.name, self.other_albedo) for w in walls}
+        return WalledSurface(preset, tuple(walls), frozenset(self.lit), others, self.patch_m)
 
 
 class Settings(BaseModel):
@@ -42,6 +65,7 @@ class Settings(BaseModel):
     room: int | None = Field(
         default=None, ge=0
     )  # drawn at random by this number, in place of the preset
+    walls: Walls | None = None  # in place of the dome
     # simulators.presets.Overrides
     albedo: float | None = Field(default=None, ge=0, le=0.95)
     snr: float | None = Field(default=None, gt=0, le=1000)  # 12 bits carry no more
@@ -79,7 +103,9 @@ def build_scene(settings: Mapping[str, Any], venue_dir: Path) -> DomeScene:
     preset = drawn.altered(
         albedo=s.albedo, snr=s.snr, defocus_px=s.defocus_px, gamma_left=s.gamma_left
     )
-    scene = DomeScene(preset.with_features(s.features), size, s.seed)
+    preset = preset.with_features(s.features)
+    surface = s.walls.surface(preset) if s.walls else None
+    scene = DomeScene(preset, size, s.seed, surface=surface)
     return drifted(scene, s.drifts, s.session) if s.drifts or s.session else scene
 
 

@@ -51,9 +51,7 @@ def _projector(
     )
     ahead, up = azimuth + rng.normal(0, 0.02 * spread), np.radians(15 + rng.normal(0, spread))
     aim = direction_from_angles(ahead, up)
-    mix = np.array([[1.0, 0.06, 0.01], [0.05, 1.0, 0.07], [0.01, 0.05, 1.0]])
-    mix = mix * (1 + rng.normal(0, 0.03, (3, 3)))
-    white = np.array([0.95, 1.0, 0.9]) * (1 + rng.normal(0, 0.04, 3))
+    mix = _colour_mix(rng)
     return ProjectorBuild(
         name,
         size,
@@ -63,13 +61,30 @@ def _projector(
             np.array([0.5 * width + rng.normal(0, 4), 0.6 * height + rng.normal(0, 4)]),
             np.array([-0.02, 0.002, 0.0, 0.0, 0.0]) * (1 + rng.normal(0, 0.1)),
         ),
-        _level_pose(place, aim),
-        mix / mix.sum(axis=1, keepdims=True) * white[:, None],
+        level_pose(place, aim),
+        mix,
         gamma=np.array([2.2, 2.25, 2.15]) * (1 + rng.normal(0, 0.01, 3)),
         toe=rng.uniform(0.02, 0.08, 3),
         falloff=0.65,
         black=1 / 1500,
     )
+
+
+def panel_colours(rng: np.random.Generator) -> tuple[Array, Array, Array]:
+    """Colour mix (3, 3), gamma (3,) and toe (3,) of a projector drawn at random."""
+    mix = _colour_mix(rng)
+    return (
+        mix,
+        np.array([2.2, 2.25, 2.15]) * (1 + rng.normal(0, 0.01, 3)),
+        rng.uniform(0.02, 0.08, 3),
+    )
+
+
+def _colour_mix(rng: np.random.Generator) -> Array:
+    mix = np.array([[1.0, 0.06, 0.01], [0.05, 1.0, 0.07], [0.01, 0.05, 1.0]])
+    mix = mix * (1 + rng.normal(0, 0.03, (3, 3)))
+    white = np.array([0.95, 1.0, 0.9]) * (1 + rng.normal(0, 0.04, 3))
+    return np.asarray(mix / mix.sum(axis=1, keepdims=True) * white[:, None])
 
 
 def _camera(
@@ -86,7 +101,7 @@ def _camera(
     return CameraBuild(name, size, lens, Pose(rotation, -rotation @ place))
 
 
-def _level_pose(place: Array, aim: Array) -> Pose:
+def level_pose(place: Array, aim: Array) -> Pose:
     """Pose of a level device at `place` pointed along `aim` (x right, y down, z forward)."""
     right = np.cross(aim, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)

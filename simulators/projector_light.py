@@ -1,4 +1,4 @@
-"""Light of one projector on the dome: direct, per projector pixel and per room patch."""
+"""Light of one projector on the screen: direct, per projector pixel and per room patch."""
 
 from dataclasses import dataclass, replace
 
@@ -10,21 +10,23 @@ from procam.arrays import AnyArray, Array, BoolArray, Image, IndexArray
 from procam.maths.geometry.lenses import unproject
 from procam.maths.geometry.sphere import normalise
 from simulators.builds import ProjectorBuild, same_geometry
+from simulators.ends import LitPixels
 from simulators.solid_angles import grid_solid_angles
 from simulators.surface import Surface
 from simulators.transport import dome_patch
+from simulators.walled_room import WalledSurface
 
+AnySurface = Surface | WalledSurface
 MIN_SMEAR_PX = 0.4  # sigma that draws a shift between two pixels on their grid
 
 
 @dataclass(frozen=True)
 class ProjectorLight:
-    """The light of one projector's pixels on the dome.
+    """The light of one projector's pixels.
 
     Attributes
     ----------
-    direction : (H, W, 3) from the dome's centre to the point that the pixel's centre lights.
-    solid_angle_sr : (H, W) of the pixel seen from the dome's centre [sr].
+    direction, solid_angle_sr : (H, W, 3) and (H, W) place and weight of the pixel, as in `LitPixels`.
     lit : (H, W) the pixel passes the blackout plates.
     irradiance : (H, W) at full white, relative to the scene's unit; 0 where not lit.
     black_irradiance : (H, W) at drive 0.
@@ -46,34 +48,32 @@ class ProjectorLight:
 
     @classmethod
     def on(
-        cls, surface: Surface, build: ProjectorBuild, level: float | None = None
+        cls, surface: AnySurface, build: ProjectorBuild, level: float | None = None
     ) -> "ProjectorLight":
-        """Trace the pixels of `build` to the dome.
+        """Trace the pixels of `build` to the screen.
 
         Without a `level` its lamp gives the preset's brightness.
         """
-        width, height = build.size
-        direction = _directions(surface, build, np.arange(width), np.arange(height))
-        corners = _directions(
-            surface, build, np.arange(width + 1) - 0.5, np.arange(height + 1) - 0.5
-        )
-        solid = grid_solid_angles(corners)
-        lit = direction[..., 2] >= np.cos(surface.lit_half_angle)
-        area = solid * surface.radius(direction) ** 2
-        shape = _falloff(build) * lit / area  # the panel sends equal flux through equal pixels
+        if isinstance(surface, Surface):
+            on = _on_dome(surface, build)
+        else:
+            on = surface.lit_pixels(build)
+        shape = (
+            _falloff(build) * on.lit / on.area_m2
+        )  # the panel sends equal flux through equal pixels
         if level is None:
-            level = float(surface.preset.brightness / np.median(shape[lit]))
-        black = build.black * level * lit / area
+            level = float(surface.preset.brightness / np.median(shape[on.lit]))
+        black = build.black * level * on.lit / on.area_m2
         return cls(
             build,
-            direction,
-            solid,
-            lit,
+            on.place,
+            on.weight,
+            on.lit,
             (level * shape).astype(np.float32),
             black.astype(np.float32),
-            dome_patch(direction, surface.half_angle),
-            area.astype(np.float32),
-            surface.albedo(direction) * area,
+            on.patch,
+            on.area_m2.astype(np.float32),
+            on.albedo * on.area_m2,
             level,
         )
 
@@ -131,7 +131,7 @@ class ProjectorLight:
         flux = _blurred_flux(irradiance * area, sigma, shift)
         return np.asarray(flux.reshape(irradiance.shape) / area, np.float32)
 
-    def altered(self, build: ProjectorBuild, old: Surface, new: Surface) -> "ProjectorLight":
+    def altered(self, build: ProjectorBuild, old: AnySurface, new: AnySurface) -> "ProjectorLight":
         """The same lamp in `build`, after the dome's paint and preset went from old to new.
 
         Its pixels are traced again only if its lens or place differs.
@@ -145,7 +145,7 @@ class ProjectorLight:
             build=build,
             irradiance=self.irradiance * np.float32(brighter),
             black_irradiance=self.black_irradiance * np.float32(brighter),
-            reflected_m2=self.reflected_m2 * new.relative_albedo(old, self.direction),
+            reflected_m2=self.reflected_m2 * new.relative_albedo(old.preset, self.direction),
             level=level,
         )
 
@@ -166,6 +166,21 @@ def _blurred_flux(flux: Image, sigma: float, shift: float) -> Image:
             flux, -1, kernel, kernel, borderType=cv2.BORDER_CONSTANT
         ).reshape(flux.shape)
     return seen
+
+
+def _on_dome(surface: Surface, build: ProjectorBuild) -> LitPixels:
+    width, height = build.size
+    direction = _directions(surface, build, np.arange(width), np.arange(height))
+    corners = _directions(surface, build, np.arange(width + 1) - 0.5, np.arange(height + 1) - 0.5)
+    solid = grid_solid_angles(corners)
+    return LitPixels(
+        direction,
+        solid,
+        solid * surface.radius(direction) ** 2,
+        direction[..., 2] >= np.cos(surface.lit_half_angle),
+        dome_patch(direction, surface.half_angle),
+        surface.albedo(direction),
+    )
 
 
 def _directions(surface: Surface, build: ProjectorBuild, x: AnyArray, y: AnyArray) -> Array:

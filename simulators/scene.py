@@ -15,11 +15,13 @@ from simulators.builds import CameraBuild, ProjectorBuild, same_geometry
 from simulators.clock import SceneClock
 from simulators.placement import place_cameras, place_projectors
 from simulators.presets import Overrides, Preset
-from simulators.projector_light import ProjectorLight
+from simulators.projector_light import AnySurface, ProjectorLight
 from simulators.projector_state import ProjectorState
 from simulators.sight_lines import SightLines
 from simulators.surface import Surface
 from simulators.transport import Room
+from simulators.wall_placement import place_wall_cameras, place_wall_projectors
+from simulators.walled_room import WalledRoom, WalledSurface
 
 GREEN = slice(1, 2)
 ALL_BANDS = slice(0, 3)
@@ -51,13 +53,14 @@ class Devices:
 
 
 class DomeScene:
-    """Dome, room, projectors and cameras, and the present picture of each projector.
+    """Screen, room, projectors and cameras, and the present picture of each projector.
 
     Parameters
     ----------
     like : a scene of the same dome, whose rays, lenses and shapes are used again where they are the
         same.
-    devices : those of `like` as they are after a drift; None for those that the preset places.
+    devices : those of `like` as they are after a drift; None for those that the screen places.
+    surface : walls in place of the preset's dome.
     """
 
     def __init__(
@@ -67,23 +70,24 @@ class DomeScene:
         seed: int,
         like: "DomeScene | None" = None,
         devices: Devices | None = None,
+        surface: WalledSurface | None = None,
     ) -> None:
         self.preset, self.size, self.seed = preset, size, seed
         self.undrifted: DomeScene = like.undrifted if like and devices else self
         self.clock = SceneClock()
-        shape = like.surface if like else Surface.build(preset)
-        self.surface: Surface = replace(shape, preset=preset)
-        devices = devices or _placed(size, preset)
+        shape = surface or (like.surface if like else Surface.build(preset))
+        self.surface: AnySurface = replace(shape, preset=preset)
+        devices = devices or _placed(size, self.surface)
         builds, self.session = devices.projectors, devices.session
         self._like = like
         if like is None:
             with ThreadPoolExecutor(2) as pool:
-                room = pool.submit(Room.trace, self.surface, size.rays)
+                room = pool.submit(_traced, self.surface, size.rays)
                 lights = pool.map(lambda build: ProjectorLight.on(self.surface, build), builds)
                 self.lights = {light.build.name: light for light in lights}
                 self.room = room.result()
         else:
-            self.room = like.room.repainted(self.surface)
+            self.room = like.room.repainted(self.surface)  # type: ignore[arg-type] # of its own kind
             self.lights = {
                 b.name: like.lights[b.name].altered(b, like.surface, self.surface) for b in builds
             }
@@ -168,7 +172,7 @@ class DomeScene:
         preset = self.preset
         if preset.ambient:
             ambient = preset.ambient * preset.brightness * preset.albedo
-            scattered[lines.on_dome] += np.float32(ambient)
+            scattered[lines.on_screen] += np.float32(ambient)
         return direct, scattered
 
     def sight_lines(self, name: str) -> SightLines:
@@ -196,7 +200,7 @@ class DomeScene:
             if not same_geometry(light.build, like.lights[n].build)
         }
         lines = like.sight_lines(name).repainted(like.surface, self.surface)
-        return lines.with_lights(moved, self.preset.gloss) if moved else lines
+        return lines.with_lights(moved, self.surface) if moved else lines
 
     def noise_stream(self, camera: str, settings: CameraSettings) -> np.random.Generator:
         """Noise that depends on the picture, not on the time, so that a resumed run repeats it.
@@ -216,11 +220,22 @@ class DomeScene:
         return np.random.Generator(np.random.SFC64(entropy))
 
 
-def _placed(size: SceneSize, preset: Preset) -> Devices:
-    """The projectors and cameras that a preset places."""
-    placed = place_projectors(size.projectors, size.projector_size, preset)
+def _traced(surface: AnySurface, rays: int) -> Room:
+    if isinstance(surface, Surface):
+        return Room.trace(surface, rays)
+    return WalledRoom.trace(surface, rays)
+
+
+def _placed(size: SceneSize, surface: AnySurface) -> Devices:
+    """The projectors and cameras of a screen."""
+    preset = surface.preset
+    if isinstance(surface, Surface):
+        placed = place_projectors(size.projectors, size.projector_size, preset)
+        cameras = place_cameras(size.cameras, size.camera_size, size.camera_kind, preset)
+    else:
+        placed = place_wall_projectors(surface, size.projectors, size.projector_size)
+        cameras = place_wall_cameras(surface, size.cameras, size.camera_size)
     _check_names(preset, [build.name for build in placed])
-    cameras = place_cameras(size.cameras, size.camera_size, size.camera_kind, preset)
     return Devices([_with_overrides(build, preset) for build in placed], cameras)
 
 

@@ -17,6 +17,7 @@ from simulators.devices import require_drive
 from simulators.projector_light import ProjectorLight
 from simulators.projector_state import ProjectorState
 from simulators.scene import DomeScene
+from simulators.surface import Surface
 
 NAME = "server"
 BITS = 10  # of the masters it plays
@@ -53,6 +54,7 @@ class MediaServer:
         self, scene: DomeScene, size: int, fov: float = np.pi, rotation: float = 0
     ) -> None:
         self.size, self.fov, self.turn = size, fov, _turn(rotation)
+        assert isinstance(scene.surface, Surface)
         self._lights, self._surface = scene.undrifted.lights, scene.surface
         rng = np.random.default_rng([scene.seed, 77])
         self._shift = {name: _waves(light, rng) for name, light in self._lights.items()}

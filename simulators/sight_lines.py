@@ -9,9 +9,8 @@ import numpy as np
 from procam.arrays import Array, BoolArray, Image, IndexArray
 from procam.maths.geometry.lenses import project
 from procam.maths.geometry.sphere import normalise
-from simulators.projector_light import ProjectorLight
-from simulators.surface import Surface
-from simulators.transport import Room, Tracer
+from simulators.projector_light import AnySurface, ProjectorLight
+from simulators.transport import Room
 
 GLOSS_EXPONENT = 20
 
@@ -22,67 +21,61 @@ class SightLines:
 
     Attributes
     ----------
-    on_dome : (H, W) the line ends on the cap. albedo : (H, W) of what it ends on.
-    scatter_at : (H, W, 2) where to read the dome's scattered irradiance.
-    below : flat places of the lines that end on deck, wall or pod, and the room patches there.
+    on_screen : (H, W) the line ends on the dome or a wall. albedo : (H, W) of what it ends on.
+    scatter_at : (H, W, 2) where to read the room's image of scattered irradiance.
+    below : flat places of the lines that end on what has no image, and the room patches there.
     sources : per projector, (H, W, 2) projector pixel and (H, W) direct radiance per irradiance.
-    origin, point : (3,) where the lines start, and (H, W, 3) where they end on the dome [m].
+    origin, point, outward : (3,) where the lines start, (H, W, 3) where they end on the screen [m], and the
+        normals there, away from the room.
     """
 
-    on_dome: BoolArray
+    on_screen: BoolArray
     albedo: Image
     scatter_at: Image
     below: tuple[IndexArray, IndexArray]
     sources: dict[str, tuple[Image, Image]]
     origin: Array
     point: Image
+    outward: Image
 
     @classmethod
     def along(
         cls, room: Room, lights: dict[str, ProjectorLight], origin: Array, rays: Array
     ) -> "SightLines":
         """Lines of sight from `origin` (3,) [m] along unit `rays` (H, W, 3); NaN rays end nowhere."""
-        surface = room.surface
-        defined = np.isfinite(rays[..., 0])
-        rays = np.where(defined[..., None], rays, [0.0, 0.0, 1.0])
-        point = surface.intersect(origin, rays)
-        direction = normalise(point)
-        on_dome = defined & (direction[..., 2] >= np.cos(surface.half_angle))
-        direction = np.where(on_dome[..., None], direction, [0.0, 0.0, 1.0])
-        point = np.where(on_dome[..., None], point, surface.preset.radius_m * direction)
-        albedo = np.where(on_dome, surface.albedo(direction), 0.0)
+        ends = room.ends(origin, rays)
         sources = {
-            name: _source(light, surface.preset.gloss, point, direction, origin, on_dome)
+            name: _source(light, room.surface, ends.point, ends.outward, origin, ends.on_screen)
             for name, light in lights.items()
         }
         return cls(
-            on_dome,
-            albedo.astype(np.float32),
-            room.dome_image_coordinates(direction),
-            _patches_below(room, origin, rays, defined & ~on_dome),
-            {n: (xy, (gain * albedo).astype(np.float32)) for n, (xy, gain) in sources.items()},
+            ends.on_screen,
+            ends.albedo.astype(np.float32),
+            ends.scatter_at,
+            ends.below,
+            {n: (xy, (gain * ends.albedo).astype(np.float32)) for n, (xy, gain) in sources.items()},
             origin,
-            point.astype(np.float32),
+            ends.point.astype(np.float32),
+            ends.outward.astype(np.float32),
         )
 
-    def repainted(self, old: Surface, new: Surface) -> "SightLines":
-        """The same lines of sight after the dome's paint went from old to new."""
-        direction = normalise(self.point.astype(float))
-        factor = new.relative_albedo(old, direction).astype(np.float32)
+    def repainted(self, old: AnySurface, new: AnySurface) -> "SightLines":
+        """The same lines of sight after the paint went from old to new."""
+        factor = new.relative_albedo(old.preset, self.point.astype(float)).astype(np.float32)
         if np.all(factor == 1):
             return self
         sources = {name: (where, gain * factor) for name, (where, gain) in self.sources.items()}
         return replace(self, albedo=self.albedo * factor, sources=sources)
 
-    def with_lights(self, moved: Mapping[str, ProjectorLight], gloss: float) -> "SightLines":
+    def with_lights(self, moved: Mapping[str, ProjectorLight], surface: AnySurface) -> "SightLines":
         """The same lines of sight, traced again to the projectors that have moved.
 
-        Their pixels are accurate to 1e-3 px where the dome is near the lens, elsewhere to 1e-4 px.
+        Their pixels are accurate to 1e-3 px where the screen is near the lens, elsewhere to 1e-4 px.
         """
-        point = self.point.astype(float)
+        point, outward = self.point.astype(float), self.outward.astype(float)
         sources = dict(self.sources)
         for name, light in moved.items():
-            where, gain = _source(light, gloss, point, normalise(point), self.origin, self.on_dome)
+            where, gain = _source(light, surface, point, outward, self.origin, self.on_screen)
             sources[name] = where, (gain * self.albedo).astype(np.float32)
         return replace(self, sources=sources)
 
@@ -108,7 +101,7 @@ class SightLines:
 
     def scattered(self, room: Room, patch_irradiance: Array) -> Image:
         """Radiance (H, W, C) of scattered light."""
-        image = room.dome_image(patch_irradiance)
+        image = room.patch_image(patch_irradiance)
         seen = cv2.remap(image, self.scatter_at, None, cv2.INTER_LINEAR)  # type: ignore[call-overload]
         seen = seen.reshape(*self.albedo.shape, -1)
         np.multiply(seen, self.albedo[..., None], out=seen)
@@ -121,33 +114,23 @@ class SightLines:
 
 def _source(
     light: ProjectorLight,
-    gloss: float,
+    surface: AnySurface,
     point: Array,
-    direction: Array,
+    outward: Array,
     eye: Array,
-    on_dome: BoolArray,
+    on_screen: BoolArray,
 ) -> tuple[Image, Array]:
     """Projector pixel under each point, and radiance per irradiance and albedo (1 if matte)."""
-    build = light.build
+    build, gloss = light.build, surface.preset.gloss
+    lens = build.projector_from_dome.origin
     pixel = project(build.projector_from_dome.apply(point), build.lens)
-    visible = on_dome & np.isfinite(pixel[..., 0])
+    visible = on_screen & np.isfinite(pixel[..., 0]) & surface.sees(lens, point)
     where = np.where(visible[..., None], pixel, -10.0).astype(np.float32)
     if not gloss:
         return where, visible.astype(float)
-    incoming = normalise(point - build.projector_from_dome.origin)
-    mirror = incoming - 2 * np.sum(incoming * direction, axis=-1, keepdims=True) * direction
+    incoming = normalise(point - lens)
+    mirror = incoming - 2 * np.sum(incoming * outward, axis=-1, keepdims=True) * outward
     towards_eye = normalise(eye - point)
     cosine = np.maximum(np.sum(mirror * towards_eye, axis=-1), 0)
     lobe = (GLOSS_EXPONENT + 2) / 2 * cosine**GLOSS_EXPONENT
     return where, visible * (1 - gloss + gloss * lobe)
-
-
-def _patches_below(
-    room: Room, origin: Array, rays: Array, beyond: BoolArray
-) -> tuple[IndexArray, IndexArray]:
-    place = np.flatnonzero(beyond)
-    directions = rays.reshape(-1, 3)[place]
-    patch, _ = Tracer(room.surface).cast_below(
-        np.broadcast_to(origin, directions.shape), directions
-    )
-    return place[patch >= 0], patch[patch >= 0]

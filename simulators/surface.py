@@ -4,17 +4,18 @@ The radius is the nominal one plus harmonics and panel steps; the albedo varies 
 seams. Harmonics are evaluated as polynomials in x, y, z, which on the sphere are the same functions.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import sph_harm_y
 
-from procam.arrays import Array, IndexArray
+from procam.arrays import Array, BoolArray, IndexArray
 from procam.maths.geometry.sphere import (
     angle_between,
     angles_from_direction,
     direction_from_angles,
     intersect_sphere,
+    normalise,
 )
 from simulators.presets import Preset
 
@@ -89,13 +90,19 @@ class Surface:
             value *= 1 - preset.seam * np.exp(-0.5 * distance**2)
         return np.asarray(value * self._soiling(direction))
 
-    def relative_albedo(self, other: "Surface", direction: Array) -> Array:
-        """Albedo (...) over that of another paint; they may differ in mean, dirt and stains."""
-        ratio = np.asarray(self.preset.albedo / other.preset.albedo)
-        mine, theirs = self.preset, other.preset
+    def sees(self, origin: Array, points: Array) -> BoolArray:
+        """Whether nothing is between an origin (3,) and points (..., 3): in a dome, everywhere."""
+        return np.ones(points.shape[:-1], bool)
+
+    def relative_albedo(self, other: Preset, points: Array) -> Array:
+        """Albedo at points (..., 3) over that of another paint; they may differ in mean, dirt and stains."""
+        direction = normalise(points)
+        ratio = np.asarray(self.preset.albedo / other.albedo)
+        mine, theirs = self.preset, other
         if (mine.dirt, mine.stains) == (theirs.dirt, theirs.stains):
             return ratio
-        return np.asarray(ratio * (self._soiling(direction) / other._soiling(direction)))
+        before = replace(self, preset=other)
+        return np.asarray(ratio * (self._soiling(direction) / before._soiling(direction)))
 
     def _soiling(self, direction: Array) -> Array:
         """Share (...) of the albedo that dirt and stains leave along unit directions."""

@@ -1,16 +1,19 @@
 """The venue.toml of a simulated venue, with what an owner would know of it.
 
-`python -m simulators.template PRESET` (or `server`, `small`, `six-projectors`) prints one; it wrote those in
-calib_data/venues.
+`python -m simulators.template PRESET` (or `server`, `small`, `six-projectors`, `box`, `cylinder`) prints one;
+it wrote those in calib_data/venues. The module is longer than 300 lines because domes, rooms and servers
+share the parts of the file.
 """
 
+import json
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Unpack
 
 import numpy as np
 
+from procam.arrays import Array
 from procam.maths.geometry.sphere import direction_from_angles
 from simulators.builds import CameraBuild
 from simulators.drawn_rooms import CLICK_PX, GLARE_SHARE, SURVEY_DEG, Known, draw_room, known_camera
@@ -19,6 +22,9 @@ from simulators.presets import PRESETS, Overrides, Preset, PresetName, white_exp
 from simulators.scene import SceneSize
 from simulators.server import NAME as SERVER
 from simulators.surface import Surface
+from simulators.wall_placement import place_wall_cameras, place_wall_projectors
+from simulators.walled_room import WalledSurface
+from simulators.walls import Wall, canvas_corners, walls_of
 
 FIDUCIALS_DEG = {"front": (12.0, 35.0), "left": (130.0, 30.0), "right": (-110.0, 50.0)}
 BLACK_EXPOSURE_S = 6.5
@@ -27,6 +33,22 @@ SMALL = SceneSize(projector_size=(320, 200), camera_size=(480, 480), rays=512)
 SIX_PROJECTORS = SceneSize(projectors=6)
 SIZES = {"small": SMALL, "six-projectors": SIX_PROJECTORS}
 SERVER_EXPOSURE_S = 0.2  # soft edges reduce the light of each projector
+OTHER_ALBEDO = 0.2
+OTHERS = ("left", "front", "right", "back", "floor", "ceiling")
+ROOMS: dict[str, tuple[dict[str, float], tuple[str, ...]]] = {
+    "box": (
+        {"width_m": 6.0, "depth_m": 5.0, "height_m": 3.0},
+        ("left", "front", "right", "floor"),
+    ),
+    "cylinder": ({"radius_m": 5.0, "arc_deg": 120.0, "height_m": 3.0}, ("wall",)),
+}
+MARKS_AT = ((0.08, 0.12), (0.92, 0.12), (0.5, 0.5), (0.08, 0.88), (0.92, 0.88))  # of each lit wall
+SURVEY_M = 0.003  # standard error of a mark's position
+ROOM_MARKS = """\
+# Marks on the walls whose position on the canvas is known, in metres from its upper left corner, and the
+# camera pixels where they are. `procam venue canvas` draws what lies where.
+
+"""
 MARKS = """\
 # Marks on the dome whose position is known, and the camera pixels where they are. Printed AprilTags need no
 # pixel: [[apriltags]] with id, azimuth_deg, elevation_deg, sigma_deg, and family if it is not 36h11.
@@ -70,6 +92,110 @@ def server_text(
         ),
     ]
     return "\n".join(parts) + f"server = true\nserver_size = {server_size}\n"
+
+
+def walls_text(
+    kind: str,
+    size: SceneSize | None = None,
+    preset_name: PresetName = "standard",
+    patch_m: float = 0.25,
+    **built: float,
+) -> str:
+    """A complete venue.toml of a "box" or a "cylinder"; `built` are lengths that its owner has wrong."""
+    preset, size = PRESETS[preset_name], size or SceneSize(cameras=2)
+    stated, lit = ROOMS[kind]
+    walls = walls_of(kind, stated | built)
+    surface = WalledSurface(
+        preset, tuple(walls), frozenset(lit), dict.fromkeys(OTHERS, OTHER_ALBEDO), patch_m
+    )
+    cameras = tuple(place_wall_cameras(surface, size.cameras, size.camera_size))
+    rng = np.random.default_rng(OWNER_SEED)
+    believed = (
+        tuple(known_camera(rng, c, by_board=True) for c in cameras) if preset.noisy else cameras
+    )
+    known = replace(_known(preset, size), cameras=believed)
+    names = [b.name for b in place_wall_projectors(surface, size.projectors, (64, 40))]
+    parts = [
+        _room_head(kind, stated, lit, size),
+        *(_camera(camera, preset, known) for camera in believed),
+        *(_projector(name, size.projector_size) for name in names),
+        ROOM_MARKS
+        + "\n".join(_wall_fiducials(c, walls_of(kind, stated), surface, rng) for c in cameras),
+        _tail(preset_name, white_exposure_s(preset), size, 1),
+        _walls_table(kind, stated | built, lit, patch_m),
+    ]
+    return "\n".join(parts)
+
+
+def _room_head(kind: str, lengths: dict[str, float], lit: Sequence[str], size: SceneSize) -> str:
+    map_size = f"map_size = {size.map_size}\n" if size.map_size else ""
+    numbers = "".join(f"{key} = {value}\n" for key, value in lengths.items())
+    which = (
+        f"lit = {json.dumps(list(lit))}   # parts that projectors light\n" if kind == "box" else ""
+    )
+    return f"""\
+# A simulated {kind}. It has every key that a real venue needs, with its unit.
+
+[screen]
+kind = "{kind}"
+{numbers}{which}other_albedo = {OTHER_ALBEDO}          # an estimate for the parts that are not lit, and its
+other_albedo_sigma = 0.05   # standard error; what cameras see of them is measured
+{map_size}"""
+
+
+def _wall_fiducials(
+    camera: CameraBuild, known: Sequence[Wall], surface: WalledSurface, rng: np.random.Generator
+) -> str:
+    """Marks on lit walls where a camera sees them, by what the owner knows of the room."""
+    corners, lines = canvas_corners(known, surface.lit), []
+    survey_rng = np.random.default_rng(OWNER_SEED)  # the same errors for all cameras
+    survey = {
+        (wall.name, number): SURVEY_M * survey_rng.normal(size=2)
+        for wall in known
+        for number in range(len(MARKS_AT))
+    }
+    for built, wall in zip(surface.walls, known, strict=True):
+        for number, (u, v) in enumerate(MARKS_AT if wall.name in corners else ()):
+            point = built.points(np.array(u), np.array(v))
+            pixel = camera.pixels(camera.camera_from_dome.apply(point)) + CLICK_PX * rng.normal(
+                size=2
+            )
+            if not camera_sees(camera, surface, point, pixel):
+                continue
+            at = (
+                np.array(corners[wall.name])
+                + np.array([u, v]) * wall.size_m
+                + survey[wall.name, number]
+            )
+            lines.append(f"""\
+[[fiducials]]
+name = "{wall.name}-{number + 1}"
+canvas_m = [{at[0]:.4f}, {at[1]:.4f}]
+sigma_m = {SURVEY_M}
+camera = "{camera.name}"
+pixel = [{pixel[0]:.2f}, {pixel[1]:.2f}]
+sigma_px = {CLICK_PX}
+""")
+    return "\n".join(lines)
+
+
+def camera_sees(camera: CameraBuild, surface: WalledSurface, point: Array, pixel: Array) -> bool:
+    """Whether a point (3,) lies in a camera's picture circle, and nothing before it."""
+    radius = np.linalg.norm(pixel - camera.lens.centre)
+    eye = camera.camera_from_dome.inverse().translation
+    return bool(radius < 0.47 * min(camera.size) and surface.sees(eye, point[None])[0])
+
+
+def _walls_table(kind: str, lengths: dict[str, float], lit: Sequence[str], patch_m: float) -> str:
+    values = ", ".join(f"{key} = {value}" for key, value in lengths.items())
+    return f"""\
+[simulated.walls]
+kind = "{kind}"
+lengths = {{ {values} }}
+lit = {json.dumps(list(lit))}
+other_albedo = {OTHER_ALBEDO}
+patch_m = {patch_m}
+"""
 
 
 def _text(title: str, preset: Preset, known: Known, size: SceneSize, tail: str) -> str:
@@ -227,6 +353,8 @@ def example_text(name: str) -> str:
         return server_text()
     if name in SIZES:
         return venue_text("standard", SIZES[name])
+    if name in ROOMS:
+        return walls_text(name)
     return venue_text(name)  # type: ignore[arg-type]
 
 

@@ -11,8 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import qmc
 
-from procam.arrays import Array, Array32, IndexArray
-from procam.maths.geometry.sphere import angles_from_direction
+from procam.arrays import Array, Array32, BoolArray, IndexArray
+from procam.maths.geometry.sphere import angles_from_direction, normalise
+from simulators.ends import Ends
 from simulators.presets import Preset
 from simulators.surface import Surface
 
@@ -95,7 +96,7 @@ class Room:
             return replace(self, surface=surface)
         albedo, dome = self.albedo.copy(), DOME_RINGS * DOME_SECTORS
         centres = Tracer(surface).dome_centres()
-        albedo[:dome] *= surface.relative_albedo(self.surface, centres)
+        albedo[:dome] *= surface.relative_albedo(self.surface.preset, centres)
         floor = slice(dome, dome + FLOOR_RINGS * FLOOR_SECTORS)
         albedo[floor] += after.floor_albedo - before.floor_albedo
         return self.painted(surface, self.exchange.astype(float), self.area_m2, albedo)
@@ -105,20 +106,47 @@ class Room:
         direct = (direct_flux / self.area_m2[:, None]).astype(np.float32)
         return np.asarray(self.scatter @ direct, dtype=float)
 
-    def dome_image(self, patch_values: Array) -> Array32:
+    def patch_image(self, patch_values: Array) -> Array32:
         """Values of the dome patches as an image (rings, sectors + 2, C), wrapped in azimuth."""
         count = DOME_RINGS * DOME_SECTORS
         image = patch_values[:count].reshape(DOME_RINGS, DOME_SECTORS, -1).astype(np.float32)
         return np.concatenate([image[:, -1:], image, image[:, :1]], axis=1)
 
     def dome_image_coordinates(self, direction: Array) -> Array32:
-        """(column, row) in `dome_image` of unit directions (..., 3)."""
+        """(column, row) in `patch_image` of unit directions (..., 3)."""
         azimuth, _ = angles_from_direction(direction)
         column = (azimuth / (2 * np.pi) % 1.0) * DOME_SECTORS + 0.5
         depth = (1 - direction[..., 2]) / (1 - np.cos(self.surface.half_angle))
         row = depth * DOME_RINGS - 0.5
         row = np.clip(row, 0, DOME_RINGS - 1)
         return np.stack([column, row], axis=-1).astype(np.float32)
+
+    def ends(self, origin: Array, rays: Array) -> Ends:
+        """Where lines of sight from `origin` (3,) [m] along unit `rays` (H, W, 3) end; NaN: nowhere."""
+        surface, defined = self.surface, np.isfinite(rays[..., 0])
+        rays = np.where(defined[..., None], rays, [0.0, 0.0, 1.0])
+        point = surface.intersect(origin, rays)
+        direction = normalise(point)
+        on_dome = defined & (direction[..., 2] >= np.cos(surface.half_angle))
+        direction = np.where(on_dome[..., None], direction, [0.0, 0.0, 1.0])
+        return Ends(
+            on_dome,
+            np.where(on_dome[..., None], point, surface.preset.radius_m * direction),
+            direction,
+            np.where(on_dome, surface.albedo(direction), 0.0),
+            self.dome_image_coordinates(direction),
+            self._patches_below(origin, rays, defined & ~on_dome),
+        )
+
+    def _patches_below(
+        self, origin: Array, rays: Array, beyond: BoolArray
+    ) -> tuple[IndexArray, IndexArray]:
+        place = np.flatnonzero(beyond)
+        directions = rays.reshape(-1, 3)[place]
+        patch, _ = Tracer(self.surface).cast_below(
+            np.broadcast_to(origin, directions.shape), directions
+        )
+        return place[patch >= 0], patch[patch >= 0]
 
 
 class Tracer:
@@ -210,7 +238,7 @@ class Tracer:
         else:
             normal = _pod_normal(patch - self.before_pod, place)
             point = POD_CENTRE_M + POD_RADIUS_M * normal
-        return point + START_OFFSET_M * normal, _cosine_directions(normal, aim)
+        return point + START_OFFSET_M * normal, cosine_directions(normal, aim)
 
     def _floor_point(self, patch: int, uv: Array) -> Array:
         ring, sector = divmod(patch, FLOOR_SECTORS)
@@ -296,7 +324,7 @@ def _paint(preset: Preset) -> tuple[object, ...]:
     return preset.albedo, preset.bounces, preset.floor_albedo, preset.dirt, preset.stains
 
 
-def _cosine_directions(normal: Array, aim: Array) -> Array:
+def cosine_directions(normal: Array, aim: Array) -> Array:
     """Directions (N, 3) about `normal` (N, 3) with density cos/pi."""
     helper = np.where(np.abs(normal[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
     first = np.cross(helper, normal)

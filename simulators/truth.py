@@ -24,6 +24,7 @@ from simulators.scene import ALL_BANDS, DomeScene
 from simulators.server import NAME as SERVER
 from simulators.server import MediaServer, projector_drives
 from simulators.sight_lines import SightLines
+from simulators.surface import Surface
 
 MASTER = 1024
 PATHS = 8192  # from each patch: 0.2 % of the scattered light, half a minute a picture
@@ -152,7 +153,7 @@ def _projector_maps(light: ProjectorLight, view: SightLines) -> dict[str, AnyArr
     white = light.build.colour_mix.sum(axis=1)
     valid = light.lit.astype(np.float32)
     albedo = light.reflected_m2 / np.maximum(light.solid_angle_sr, 1e-30)
-    albedo = albedo / np.median(albedo) * np.median(view.albedo[view.on_dome])
+    albedo = albedo / np.median(albedo) * np.median(view.albedo[view.on_screen])
     gain = (light.irradiance * albedo)[..., None] * white
     return _maps(light.direction, light.solid_angle_sr, valid, gain)
 
@@ -184,7 +185,8 @@ def _maps(direction: Array, solid_angle_sr: Array, valid: Image, gain: Array) ->
 def _document(
     scene: DomeScene, server: MediaServer | None, feedback: Array, albedo: Array
 ) -> dict[str, Any]:
-    preset = scene.preset
+    preset, surface = scene.preset, scene.surface
+    assert isinstance(surface, Surface)
     builds = {n: light.build for n, light in scene.lights.items()}
     projectors = {n: _projector(build) for n, build in builds.items()}
     if server:
@@ -193,7 +195,7 @@ def _document(
         "schema_version": 1,
         "screen": {
             "radius_m": preset.radius_m,
-            "half_angle": scene.surface.half_angle,
+            "half_angle": surface.half_angle,
             "tilt": float(np.radians(preset.tilt_deg)),
             "floor_albedo": preset.floor_albedo,
             "floor_albedo_sigma": 0.0,

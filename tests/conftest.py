@@ -18,7 +18,7 @@ from procam.model.photometry import Photometry, ResponseCurve
 from procam.model.provenance import Provenance
 from procam.model.quality import Figure, Goal
 from procam.model.screen import Dome
-from procam.model.transport import DomeMaps, Measured
+from procam.model.transport import Measured, ScreenMaps
 from simulators.solid_angles import grid_solid_angles
 
 # the same examples in every run; a busy machine is not a failure
@@ -41,7 +41,8 @@ LONG = frozenset(
     acceptance audience behaviour camera cli_bundle cli_camera cli_chunks cli_external cli_pair
     cli_response content_small crash dataset_small demo_small diagnosis direction_samples doctor
     drifts_small eight_bits floor_albedo foreign_codes_small foreign_dome_small full_disk_commands
-    fuzz howto_commands kernels_build kernels_frame large_camera light_refusals mistakes_small
+    fuzz howto_commands kernels_build kernels_frame large_camera light_refusals measured_rooms
+    mistakes_small
     mutations notebooks other_seat own_devices page photometry_small physics_foreign_boards
     physics_forms planar_pair precision_small predecessor preference preference_statistics
     recalibrate refine response rooms_small rounds server set_checks shot_id solve solve_lens
@@ -125,7 +126,7 @@ def _calibration(
     )
 
 
-def _maps(size: int, feedback: np.ndarray, lo: float) -> DomeMaps:
+def _maps(size: int, feedback: np.ndarray, lo: float) -> ScreenMaps:
     direction, inside = master_directions(size)
     elevation = np.arcsin(np.clip(direction[..., 2], -1, 1))
     coverage = np.where(inside & (elevation > np.radians(10.0)), 1.0, 0.0)
@@ -140,7 +141,7 @@ def _maps(size: int, feedback: np.ndarray, lo: float) -> DomeMaps:
         "hi": hi * coverage[..., None],
         "coverage": coverage,
     }
-    return DomeMaps(**{name: field.astype(np.float32) for name, field in fields.items()})
+    return ScreenMaps(**{name: field.astype(np.float32) for name, field in fields.items()})
 
 
 def _projector(name: str, azimuth: float, dome: Dome) -> ProjectorCalibration:

@@ -58,7 +58,7 @@ class TracedRoom:
         flux = np.zeros((len(self.room.area_m2), 1))
         count = len(self.patches)
         flux[:count, 0] = lit(self.patches) * self.room.area_m2[:count]
-        image = self.room.dome_image(self.room.irradiance(flux))[..., 0]
+        image = self.room.patch_image(self.room.irradiance(flux))[..., 0]
         return sample(image, self.room.dome_image_coordinates(DIRECTION)[None])[0].astype(float)
 
     def scatter_sample(self, lit: Where, noise: float) -> ScatterSample:

@@ -22,7 +22,7 @@ from procam.maths.geometry.canvas import STANDARD, Canvas
 from procam.maths.geometry.sphere import direction_from_angles, master_pixels
 from procam.maths.light.scatter_kernel import basis
 from procam.model.calibration import Calibration
-from procam.model.transport import DomeMaps, ScatterKernel
+from procam.model.transport import ScatterKernel, ScreenMaps
 
 WHITES = ("summed", "keep")
 CHANNELS = 3
@@ -68,7 +68,7 @@ class Fields:
         """
         if white not in WHITES:
             raise InputError(f"white: {white!r} is unknown; choose {' or '.join(WHITES)}")
-        shown, canvas = _model(calibration, size, state), calibration.canvas
+        shown, canvas = _model(calibration, size, state), calibration.dome_canvas
         protected = _protected(calibration.maps, canvas, size)
         fields = cls(shown, shown, _operator(calibration), protected, canvas)
         if white == "keep":
@@ -178,7 +178,7 @@ class Fields:
 def _model(calibration: Calibration, size: int, state: str | None) -> FrameModel:
     maps = calibration.maps
     nodes = min(size, maps.size)
-    direction, area = calibration.canvas.planes(nodes)
+    direction, area = calibration.dome_canvas.planes(nodes)
     where = None
     if nodes != maps.size or calibration.canvas != STANDARD:
         where = master_pixels(np.moveaxis(direction, 0, -1), maps.size)
@@ -224,7 +224,7 @@ def _at_nodes(field: Map, where: FloatArray | None) -> Map:
     return sample(field, where)
 
 
-def _untouched(shown: FrameModel, maps: DomeMaps, canvas: Canvas) -> FrameModel:
+def _untouched(shown: FrameModel, maps: ScreenMaps, canvas: Canvas) -> FrameModel:
     """A model in which protected content is sent unchanged."""
     direction, _ = canvas.directions(shown.nodes)
     kept = maps.is_protected(master_pixels(direction, maps.size))
@@ -235,7 +235,7 @@ def _untouched(shown: FrameModel, maps: DomeMaps, canvas: Canvas) -> FrameModel:
     return replace(shown, spread=spread, ambient=ambient, gain=gain)
 
 
-def _protected(maps: DomeMaps, canvas: Canvas, size: int) -> BoolArray | None:
+def _protected(maps: ScreenMaps, canvas: Canvas, size: int) -> BoolArray | None:
     """Where (N, N) content is sent unchanged; None if nowhere."""
     if maps.protected is None:  # a large master's directions take seconds
         return None

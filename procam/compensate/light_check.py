@@ -56,7 +56,7 @@ class LightCheck:
         grid, counts = _sample(size)
         self._cells, place = counts, grid.reshape(2, -1)
         self._place = size, place
-        self._canvas = calibration.canvas
+        self._canvas = calibration.dome_canvas
         direction, area = _directions(place, size, self._canvas)
         self._on_maps: Array = np.asarray(master_pixels(direction, maps.size))
         coverage = self._at(maps.coverage)

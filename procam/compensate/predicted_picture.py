@@ -1,4 +1,4 @@
-"""The picture that a calibration's own frames make on the dome, by a calibration's model.
+"""The picture that a calibration's own frames make on the screen, by a calibration's model.
 
 Directions, gains and responses can each look right while a projector sends black, or twice its share in a
 seam: only the sum of what all projectors send shows it. The light of every panel pixel is summed over the
@@ -11,9 +11,8 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from procam.arrays import Array, BoolArray, FloatArray, Image
-from procam.compensate.compensator import Compensator
+from procam.compensate.any_screen import compensator_of
 from procam.compensate.projector_frames import projector_frames
-from procam.maths.geometry.sphere import master_pixels
 from procam.maths.light.curves import apply_curve
 from procam.maths.warp import grow, sample
 from procam.model.calibration import Calibration, ProjectorCalibration
@@ -64,11 +63,11 @@ def predict_picture(calibration: Calibration, model: Calibration | None = None) 
     edge = max(2, min(EDGE, min(widths) // PANEL_PX))
     asked, frames = _frames(calibration, edge)
     direction, inside = model.canvas.directions(edge)
-    place = master_pixels(direction, model.maps.size)
+    place = model.screen.canvas.pixels(direction, model.maps.size)
     asked = np.asarray(asked - sample(model.maps.lo, place), np.float32)
     lit = inside & (sample(model.maps.coverage, place) > WELL_LIT)
     return PredictedPicture(
-        {n: _on_dome(model, model.projectors[n], drive, edge) for n, drive in frames.items()},
+        {n: _on_canvas(model, model.projectors[n], drive, edge) for n, drive in frames.items()},
         asked,
         grow(lit, -RIM) & (asked > LEAST).all(axis=-1),
         {n: _share(model.projectors[n], drive) for n, drive in frames.items()},
@@ -103,8 +102,9 @@ def thinned(projector: ProjectorCalibration) -> ProjectorCalibration:
 
 def _frames(calibration: Calibration, edge: int) -> tuple[Image, dict[str, Image]]:
     """Direct light (N, N, 3) that the content asks for, and the frames for it."""
-    content = np.broadcast_to(np.array(CONTENT, np.float32), (edge, edge, 3))
-    direct = Compensator(calibration, edge).frame(np.ascontiguousarray(content))
+    shape = calibration.canvas.shape(edge)
+    content = np.broadcast_to(np.array(CONTENT, np.float32), (*shape, 3))
+    direct = compensator_of(calibration, edge).frame(np.ascontiguousarray(content))
     return np.asarray(direct), projector_frames(direct, calibration)
 
 
@@ -114,7 +114,9 @@ def _share(projector: ProjectorCalibration, drive: Image) -> float:
     return float(sends.mean()) if sends.size else 0.0
 
 
-def _on_dome(model: Calibration, projector: ProjectorCalibration, drive: Image, edge: int) -> Image:
+def _on_canvas(
+    model: Calibration, projector: ProjectorCalibration, drive: Image, edge: int
+) -> Image:
     """Direct light (N, N, 3) of a projector's frame, its black left out."""
     surface, photometry = projector.surface, projector.photometry
     use = surface.valid & np.isfinite(surface.direction).all(axis=-1)
@@ -124,19 +126,20 @@ def _on_dome(model: Calibration, projector: ProjectorCalibration, drive: Image, 
     light = light @ photometry.colour_mix.T * photometry.gain[use]
     flux = light * surface.solid_angle_sr[use][:, None]
     place = model.canvas.pixels(surface.direction[use], edge)
-    area = np.maximum(model.canvas.solid_angles(edge), 1e-12)
-    return np.asarray(_splat(place, flux, edge) / area[..., None], np.float32)
+    area = np.maximum(model.canvas.weights(edge), 1e-12)
+    return np.asarray(_splat(place, flux, area.shape) / area[..., None], np.float32)
 
 
-def _splat(place: FloatArray, flux: Array, edge: int) -> Array:
-    """Sums (N, N, C) of flux (K, C), shared among the four pixels around each place (K, 2)."""
+def _splat(place: FloatArray, flux: Array, shape: tuple[int, ...]) -> Array:
+    """Sums (H, W, C) of flux (K, C), shared among the four pixels around each place (K, 2)."""
     corner = np.floor(place).astype(np.intp)
     share = place - corner
-    total = np.zeros((edge * edge, flux.shape[1]))
+    rows, columns = shape
+    total = np.zeros((rows * columns, flux.shape[1]))
     for step in ((0, 0), (1, 0), (0, 1), (1, 1)):
-        column, row = (np.clip(corner + step, 0, edge - 1)).T
+        column, row = (np.clip(corner + step, 0, [columns - 1, rows - 1])).T
         weight = np.abs(1 - np.array(step) - share).prod(axis=1)
-        at = row * edge + column
+        at = row * columns + column
         for channel in range(flux.shape[1]):
-            total[:, channel] += np.bincount(at, weight * flux[:, channel], edge * edge)
-    return total.reshape(edge, edge, -1)
+            total[:, channel] += np.bincount(at, weight * flux[:, channel], rows * columns)
+    return total.reshape(rows, columns, -1)

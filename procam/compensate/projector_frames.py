@@ -11,7 +11,6 @@ from procam.errors import InputError, ShapeError
 from procam.kernels import WarpPlan, plan_warp, warp_frame
 from procam.kernels.warp.reference import KNOTS
 from procam.maths.codes.dither import dithered
-from procam.maths.geometry.sphere import master_pixels
 from procam.maths.light.curves import invert_curve, srgb_decode
 from procam.maths.warp import sample
 from procam.model.calibration import Calibration, ProjectorCalibration
@@ -67,7 +66,7 @@ class Warper:
         decode: Decode = srgb_decode,
         thresholds: FloatArray | None = None,
     ) -> None:
-        self.size, self.dtype = size, np.dtype(dtype)
+        self.size, self.dtype, self._shape = size, np.dtype(dtype), calibration.canvas.shape(size)
         if self.dtype not in (np.uint8, np.uint16, np.float32):
             raise InputError(
                 f"frames: {self.dtype} is not supported; choose uint8, uint16 or float32"
@@ -92,8 +91,8 @@ class Warper:
         master : uint8, encoded, or linear: uint16, of which 65535 is 1, float16, float32 [rel].
         out : frames to write to, instead of new ones.
         """
-        if master.shape != (self.size, self.size, 3):
-            raise ShapeError("master", master.shape, f"({self.size}, {self.size}, 3)")
+        if master.shape != (*self._shape, 3):
+            raise ShapeError("picture", master.shape, f"({self._shape[0]}, {self._shape[1]}, 3)")
         return {
             name: self._frame(master, projector, None if out is None else out[name])
             for name, projector in self._projectors.items()
@@ -112,7 +111,7 @@ class Warper:
 
 def projector_frames(direct: Image, calibration: Calibration) -> dict[str, Image]:
     """Drives (H, W, 3) in 0..1 by projector for direct light (N, N, 3) [rel]; see `Warper`."""
-    return Warper(calibration, direct.shape[0], np.float32).frame(np.asarray(direct, np.float32))
+    return Warper(calibration, direct.shape[1], np.float32).frame(np.asarray(direct, np.float32))
 
 
 def _plan(
@@ -127,7 +126,7 @@ def _plan(
     known = surface.valid[..., None] & np.isfinite(surface.direction)
     direction = np.where(known, surface.direction, 0)
     place = np.where(known[..., :2], calibration.canvas.pixels(direction, size), np.nan)
-    black = sample(maps.lo, master_pixels(direction, maps.size))
+    black = sample(maps.lo, calibration.screen.canvas.pixels(direction, maps.size))
     gain = photometry.gain
     share = np.where(gain > 0, projector.blend[..., None] / np.maximum(gain, 1e-9), 0)
     return plan_warp(

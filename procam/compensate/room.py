@@ -6,6 +6,7 @@ pass over the picture.
 """
 
 from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass
 from functools import partial
 
@@ -66,22 +67,41 @@ class RoomCompensator:
         if np.any(np.asarray(lo) > np.asarray(hi)):
             raise InputError("lo and hi: lo is above hi; are they swapped?")
         self.canvas, self._factors = canvas, factors
-        self._given = albedo, hi
         self._albedo = albedo.astype(np.float32)
-        self._of_pixels = np.where(canvas.lit[..., None], self._albedo[canvas.face], np.float32(0))
         lit = canvas.lit[..., None]
+        self._paint = np.where(lit, self._albedo[canvas.face], np.float32(0))
+        self._held: BoolArray | None = None
         self._lo, self._hi = (np.where(lit, np.float32(x), np.float32(0)) for x in (lo, hi))
+
+    @property
+    def limits(self) -> tuple[Image, Image]:
+        """Least and most direct light (H, W, 3)."""
+        return self._lo, self._hi
 
     def with_black(self, lo: Image | float) -> "RoomCompensator":
         """The same with another least light."""
-        albedo, hi = self._given
-        return RoomCompensator(self.canvas, self._factors, albedo, lo, hi)
+        other = copy(self)
+        other._lo = np.where(self.canvas.lit[..., None], np.float32(lo), np.float32(0))
+        return other
+
+    def with_paint(self, albedo: Image, held: BoolArray) -> "RoomCompensator":
+        """The same with the albedo (H, W, 3) of each pixel; `held` (H, W) are sent the content itself."""
+        other = copy(self)
+        other._paint, other._held = albedo, held if held.any() else None
+        return other
+
+    def limited(self, top: float) -> "RoomCompensator":
+        """The same with light of `top` at most."""
+        other = copy(self)
+        other._hi = np.minimum(self._hi, np.float32(top))
+        return other
 
     def exact(self, target: Image) -> RoomPicture:
         """(P): the observed light is the target (H, W, 3) [rel] wherever no limit holds."""
-        irradiance = self._settled(lambda scattered: self._clipped(target - scattered))
+        sent = partial(self._sent, target)
+        irradiance = self._settled(sent)
         scattered = self._scattered(irradiance)
-        direct = self._clipped(target - scattered)
+        direct = sent(scattered)
         free = (direct > self._lo) & (direct < self._hi) & self.canvas.lit[..., None]
         return RoomPicture(direct, direct + scattered, free)
 
@@ -102,7 +122,13 @@ class RoomCompensator:
         return self._factors.gather(direct + self._albedo * irradiance)
 
     def _scattered(self, irradiance: Array32) -> Image:
-        return self._of_pixels * np.maximum(self.canvas.field(irradiance), 0)
+        return self._paint * np.maximum(self.canvas.field(irradiance), 0)
+
+    def _sent(self, target: Image, scattered: Image) -> Image:
+        direct = self._clipped(target - scattered)
+        if self._held is not None:
+            direct[self._held] = self._clipped(target)[self._held]
+        return direct
 
     def _clipped(self, light: Image) -> Image:
         return np.clip(light, self._lo, self._hi)

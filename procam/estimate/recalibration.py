@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from procam.arrays import BoolArray, Image
-from procam.estimate.geometry.camera_view import DomeView
+from procam.estimate.geometry.camera_view import ScreenView
 from procam.estimate.geometry.solve import GeometrySolution
 from procam.estimate.light.blend import Blender
 from procam.estimate.light.calibrated_projector import Placed, unblended_projector
@@ -21,14 +21,14 @@ from procam.maths.geometry.sphere import master_directions
 from procam.model.calibration import Calibration, ProjectorCalibration
 from procam.model.mask import Nudge
 from procam.model.provenance import Provenance
-from procam.model.transport import DomeMaps
+from procam.model.transport import ScreenMaps
 
 
 def with_projector(
     calibration: Calibration,
     name: str,
     geometry: GeometrySolution,
-    view: DomeView,
+    view: ScreenView,
     before_and_now: tuple[ProjectorMeasurement, ProjectorMeasurement],
     nudges: Sequence[Nudge],
     provenance: Provenance,
@@ -70,7 +70,7 @@ def _maps(
     projectors: Mapping[str, ProjectorCalibration],
     name: str,
     added: Image,
-) -> DomeMaps:
+) -> ScreenMaps:
     """Maps of full white and black, and the coverage, new where a projector lights, or lit before."""
     maps, dome = calibration.maps, calibration.screen
     new = FullWhite(projectors, dome, maps.size)

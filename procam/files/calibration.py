@@ -17,18 +17,20 @@ from procam.arrays import Array32
 from procam.errors import FileFormatError, InputError, ShapeError
 from procam.files import calibration_entries as entries
 from procam.files.atomic import replacing_directory
-from procam.files.calibration_entries import check_dome_maps, check_surface, numbers, size_of
+from procam.files.calibration_entries import check_maps, check_surface, numbers, size_of
 from procam.files.images.layers import read_channels, read_layers, write_channels, write_layers
 from procam.files.provenance import provenance_entry, read_provenance
+from procam.maths.geometry.canvas import Canvas
 from procam.model.calibration import SCHEMA_VERSION, Calibration, ProjectorCalibration
 from procam.model.correspondence import ProjectorSurface
 from procam.model.mask import Mask
 from procam.model.optics import CameraModel, ProjectorModel
 from procam.model.photometry import Photometry
-from procam.model.transport import DomeMaps, ScatterKernel
+from procam.model.transport import ScatterKernel, ScreenMaps
 from procam.model.venue_state import VenueState
 
 Channels = dict[str, Array32]
+READABLE = (1, SCHEMA_VERSION)
 Keep = Callable[[ProjectorCalibration], ProjectorCalibration]
 RGB = ("R", "G", "B")
 DOME_MAPS = ("scatter_per_flux", "albedo", "lo", "hi")
@@ -135,10 +137,10 @@ def _load(directory: str | Path, keep: Keep | None) -> Calibration:
         )
     try:
         document = json.loads(path.read_text("utf-8"))
-        if document["schema_version"] != SCHEMA_VERSION:
+        if document["schema_version"] not in READABLE:
             raise FileFormatError(
                 f"{path} has schema_version {document['schema_version']!r}, and this version of procam "
-                f"reads {SCHEMA_VERSION}; calibrate again with this version"
+                f"reads {' and '.join(map(str, READABLE))}; calibrate again with this version"
             )
         return _calibration(directory, document, keep)
     except FileFormatError:
@@ -176,7 +178,7 @@ def _projector_channels(projector: ProjectorCalibration) -> Channels:
     return channels
 
 
-def _dome_layers(maps: DomeMaps) -> Channels:
+def _dome_layers(maps: ScreenMaps) -> Channels:
     names = ("coverage", "falloff", *DOME_MAPS)
     layers = {n: getattr(maps, n) for n in names if getattr(maps, n) is not None}
     if maps.protected is not None:
@@ -187,10 +189,10 @@ def _dome_layers(maps: DomeMaps) -> Channels:
 def _document(calibration: Calibration) -> dict[str, Any]:
     return {
         "schema_version": calibration.schema_version,
-        "screen": asdict(calibration.screen),
+        "screen": {**asdict(calibration.screen), "kind": calibration.screen.kind},
         "cameras": {n: _camera_entry(c) for n, c in calibration.cameras.items()},
         "main_camera": calibration.main_camera,
-        "canvas": asdict(calibration.canvas),
+        "canvas": asdict(calibration.canvas) if isinstance(calibration.canvas, Canvas) else None,
         "projectors": {n: _projector_entry(p) for n, p in calibration.projectors.items()},
         "feedback": asdict(calibration.feedback),
         "albedo": asdict(calibration.albedo),
@@ -235,29 +237,30 @@ def _projector_entry(projector: ProjectorCalibration) -> dict[str, Any]:
 
 
 def _calibration(directory: Path, document: dict[str, Any], keep: Keep | None) -> Calibration:
-    dome = read_layers(directory / "maps" / "dome.exr")
-    check_dome_maps(dome)
+    maps = read_layers(directory / "maps" / "dome.exr")
+    screen = entries.screen(document["screen"])
+    check_maps(maps, screen)
     kept = dict[str, ProjectorCalibration]()
     if keep:
         for name, entry in document["projectors"].items():
             kept[name] = keep(_projector(directory, entries.safe_name(name), entry))
     return Calibration(
-        entries.screen(document["screen"]),
+        screen,
         {n: entries.camera(n, e) for n, e in document["cameras"].items()},
         kept,
-        _dome_maps(dome, document.get("scatter_kernel")),
+        _dome_maps(maps, document.get("scatter_kernel")),
         entries.measured(document["feedback"]),
         entries.measured(document["albedo"]),
         numbers(document, "content_from_camera", (3, 3), unknown=True),
         {n: entries.figure(e) for n, e in document["quality"].items()},
         read_provenance(document["provenance"]),
-        document["schema_version"],
+        SCHEMA_VERSION,
         {
             n: _state(directory, entries.safe_name(n), e)
             for n, e in document.get("states", {}).items()
         },
         entries.main_camera(document),
-        entries.canvas(document),
+        entries.canvas(document, screen),
         entries.absolute(document),
     )
 
@@ -271,13 +274,13 @@ def _state(directory: Path, name: str, entry: dict[str, Any]) -> VenueState:
     return VenueState(name, entries.measured(entry["feedback"]), ratio, ambient)
 
 
-def _dome_maps(dome: Channels, kernel: dict[str, Any] | None) -> DomeMaps:
+def _dome_maps(dome: Channels, kernel: dict[str, Any] | None) -> ScreenMaps:
     covered = dome.get("protected")  # absent where nothing is protected
     protected = None if covered is None else Mask("screen", covered > 0.5)
     scatter, albedo, lo, hi = (dome[name] for name in DOME_MAPS)
     scatter_kernel = ScatterKernel.scalar() if kernel is None else entries.scatter_kernel(kernel)
     falloff = dome.get("falloff")
-    return DomeMaps(scatter, albedo, lo, hi, dome["coverage"], protected, scatter_kernel, falloff)
+    return ScreenMaps(scatter, albedo, lo, hi, dome["coverage"], protected, scatter_kernel, falloff)
 
 
 def _projector(directory: Path, name: str, entry: dict[str, Any]) -> ProjectorCalibration:

@@ -18,7 +18,7 @@ from procam.model.correspondence import ProjectorSurface
 from procam.model.optics import CameraModel, Sensor
 from procam.model.photometry import AbsoluteColour, ResponseCurve
 from procam.model.quality import Figure, Goal
-from procam.model.screen import Dome
+from procam.model.screen import ContentCanvas, Dome, RoomScreen, Screen
 from procam.model.transport import Measured, ScatterKernel
 
 # what reading a document raises that is damaged, or of another program
@@ -27,6 +27,7 @@ Bounds = tuple[float, float]
 ANY: Bounds = (-1e9, 1e9)  # of lengths, angles and pixels: wider than any rig
 POSITIVE: Bounds = (1e-9, 1e9)
 SHARE: Bounds = (0.0, 1.0)
+ROOMS = ("box", "cylinder")
 ANGLE: Bounds = (-2 * np.pi, 2 * np.pi)
 FIELD_OF_VIEW: Bounds = (0.1, 2 * np.pi)
 PIXELS: Bounds = (1, 65536)
@@ -81,8 +82,10 @@ def _times(lengths: tuple[int | None, ...]) -> str:
     return " x ".join("any" if n is None else str(n) for n in lengths) or "1"
 
 
-def screen(entry: dict[str, Any]) -> Dome:
-    """The dome."""
+def screen(entry: dict[str, Any]) -> Screen:
+    """The screen: a dome where nothing else is said, as in files of schema 1."""
+    if entry.get("kind", "dome") != "dome":
+        return _room(entry)
     return Dome(
         number(entry, "radius_m", POSITIVE),
         number(entry, "half_angle"),
@@ -92,6 +95,20 @@ def screen(entry: dict[str, Any]) -> Dome:
         tuple(numbers(entry, "bumps", (None,)).tolist()) if entry.get("bumps") else (),
         int(number(entry, "degree")) if "degree" in entry else 0,
     )
+
+
+def _room(entry: dict[str, Any]) -> RoomScreen:
+    lit, size = tuple(map(str, entry["lit"])), numbers(entry, "size", (3,), POSITIVE).tolist()
+    others = [
+        (str(n), *numbers({"albedo": pair}, "albedo", (2,), SHARE).tolist())
+        for n, *pair in entry["others"]
+    ]
+    found = RoomScreen(str(entry["kind"]), (size[0], size[1], size[2]), lit, tuple(others))
+    if found.kind not in ROOMS or set(lit) | {n for n, *_ in others} != set(found.room.names):
+        raise ValueError(
+            f"a screen of kind {found.kind[:40]!r} with the parts {lit} is none that procam makes"
+        )
+    return found
 
 
 def safe_name(name: str) -> str:
@@ -154,8 +171,10 @@ def absolute(document: Mapping[str, Any]) -> AbsoluteColour | None:
     return AbsoluteColour(numbers(entry, "xyz_from_content", (3, 3)), covariance)
 
 
-def canvas(document: Mapping[str, Any]) -> Canvas:
-    """The dome master that content is drawn on."""
+def canvas(document: Mapping[str, Any], of: Screen) -> ContentCanvas:
+    """The canvas that content is drawn on."""
+    if isinstance(of, RoomScreen):
+        return of.canvas
     entry = document.get("canvas")
     if entry is None:
         return _canvas_of_server(document["projectors"])
@@ -229,12 +248,11 @@ def check_surface(surface: ProjectorSurface, size: tuple[int, int], blend: Float
         raise ValueError("map blend has values outside 0 to 1")
 
 
-def check_dome_maps(maps: Mapping[str, AnyArray]) -> None:
-    """Refuse maps of the dome that are not square, not of one size, or not of shares."""
+def check_maps(maps: Mapping[str, AnyArray], of: Screen) -> None:
+    """Refuse maps of a screen that are not of one size, the canvas's, or not of shares."""
     shapes = {layer.shape[:2] for layer in maps.values()}
-    if len({n for shape in shapes for n in shape}) != 1:
-        raise ValueError(
-            f"maps of the dome have the sizes {sorted(shapes)}; they need one square size"
-        )
+    needed = of.canvas.shape(max(width for _, width in shapes))
+    if shapes != {needed}:
+        raise ValueError(f"maps of the screen have the sizes {sorted(shapes)}; {needed} is needed")
     if not (maps["coverage"] >= -UNIT_LENGTH).all():  # above 1 is for the compensator to say
         raise ValueError("map coverage has values below 0, or NaN")

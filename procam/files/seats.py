@@ -132,7 +132,7 @@ def _of_document(directory: Path, document: dict[str, Any]) -> _Origin:
         directory,
         entries.safe_name(session) if session else "",
         bool(source.get("recalibrated")),
-        entries.screen(document["screen"]).radius_m,
+        entries.screen(document["screen"]).shape.radius_m,
         main,
         {name: entries.pose(e["camera_from_dome"]) for name, e in cameras.items()},
         {

@@ -11,11 +11,11 @@ from procam.model.optics import CameraModel, ProjectorModel
 from procam.model.photometry import AbsoluteColour, Photometry
 from procam.model.provenance import Provenance
 from procam.model.quality import Figure
-from procam.model.screen import Dome
-from procam.model.transport import DomeMaps, Measured
+from procam.model.screen import ContentCanvas, Dome, Screen
+from procam.model.transport import Measured, ScreenMaps
 from procam.model.venue_state import VenueState
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,26 +30,26 @@ class ProjectorCalibration:
 
 @dataclass(frozen=True, slots=True)
 class Calibration:
-    """Rig, maps of the dome, light of each projector, and how good they are.
+    """Rig, maps of the screen, light of each projector, and how good they are.
 
     Attributes
     ----------
     screen, cameras, projectors : the rig.
-    maps : light on the dome, sampled on a dome master.
+    maps : light on the screen, on its own canvas.
     feedback, albedo : m (docs/theory/interreflection.md, I10) and mean albedo per content channel.
     content_from_camera : (3, 3) matrix from camera radiance [full scale per second] to relative
         content radiance; 1.0 in every channel is the reference white.
     quality : figures of the solve. provenance : what it was solved from.
     states : venue states measured since, by name.
-    canvas : dome master that content is drawn on, and a media server is fed with.
+    canvas : that content is drawn on; of a dome, a master that a media server is fed with.
     main_camera : name of the camera that light was measured with; "" if it is not recorded.
     absolute : what content light is in cd/m2, by a hand meter; None if none was used.
     """
 
-    screen: Dome
+    screen: Screen
     cameras: Mapping[str, CameraModel]
     projectors: Mapping[str, ProjectorCalibration]
-    maps: DomeMaps
+    maps: ScreenMaps
     feedback: Measured
     albedo: Measured
     content_from_camera: Array
@@ -58,7 +58,7 @@ class Calibration:
     schema_version: int = SCHEMA_VERSION
     states: Mapping[str, VenueState] = field(default_factory=dict)
     main_camera: str = ""
-    canvas: Canvas = STANDARD
+    canvas: ContentCanvas = STANDARD
     absolute: AbsoluteColour | None = None
 
     def __post_init__(self) -> None:
@@ -71,6 +71,25 @@ class Calibration:
             if state.ambient is not None and state.ambient.shape != self.maps.hi.shape:
                 needed = f"{self.maps.hi.shape}, as the maps"
                 raise ShapeError(f"ambient of venue state {name}", state.ambient.shape, needed)
+
+    @property
+    def dome(self) -> Dome:
+        """The screen, for what is of domes only.
+
+        Raises
+        ------
+        InputError
+            It is a room.
+        """
+        if isinstance(self.screen, Dome):
+            return self.screen
+        raise InputError(f"this is for domes only, and the calibration is of a {self.screen.kind}")
+
+    @property
+    def dome_canvas(self) -> Canvas:
+        """The dome master that content is drawn on; raises InputError of a room, as `dome`."""
+        assert self.dome and isinstance(self.canvas, Canvas)
+        return self.canvas
 
     @property
     def camera(self) -> CameraModel:
@@ -88,7 +107,7 @@ class Calibration:
             )
         return self.cameras[self.main_camera]
 
-    def on(self, canvas: Canvas) -> "Calibration":
+    def on(self, canvas: ContentCanvas) -> "Calibration":
         """The calibration for content that is drawn on another canvas."""
         return replace(self, canvas=canvas)
 

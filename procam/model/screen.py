@@ -1,12 +1,30 @@
-"""The projection screen: a dome, or a mesh of any shape."""
+"""The projection screen: a dome, a room, or a bare mesh of any shape.
 
-from dataclasses import dataclass
+A dome and a room have the same interface: `shape`, which rays meet; `canvas`, of content and of a
+calibration's maps; `contains`; and `measure`, on which areas are counted. A place is a direction from the
+origin, which must see all of a room.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Union
 
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.arrays import Array
+from procam.arrays import Array, BoolArray, FloatArray
 from procam.errors import InputError, ShapeError, UnitError
+from procam.maths.geometry.canvas import STANDARD, Canvas
+from procam.maths.geometry.ray_to_screen import RoundShape
+from procam.maths.geometry.sphere import normalise
+
+if TYPE_CHECKING:
+    from procam.maths.mesh.compressed import CompressedFactors
+    from procam.maths.mesh.room_canvas import RoomCanvas
+    from procam.maths.mesh.rooms import Room
+    from procam.maths.mesh.shape import MeshShape
+
+FACES = 4000  # of a room, about
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +58,108 @@ class Dome:
             raise UnitError(
                 f"half_angle is {self.half_angle} rad; it needs an angle between 0 and pi"
             )
+
+    @property
+    def kind(self) -> str:
+        """Its word in files."""
+        return "dome"
+
+    @property
+    def shape(self) -> RoundShape:
+        """The surface that rays meet."""
+        return RoundShape(self.radius_m, np.array(self.bumps), self.degree)
+
+    @property
+    def canvas(self) -> Canvas:
+        """The dome master of a calibration's maps."""
+        return STANDARD
+
+    def contains(self, direction: FloatArray) -> BoolArray:
+        """Whether directions (..., 3) lie on the cap."""
+        return np.asarray(direction[..., 2] >= np.cos(self.half_angle))
+
+    def measure(self, points: Array) -> Array:
+        """Points (..., 3) as areas are counted, in solid angles from the centre [sr]: on the unit sphere."""
+        return normalise(points)
+
+    def solved(self, shape: RoundShape) -> "Dome":
+        """The dome with a shape that was solved."""
+        bumps = tuple(float(b) for b in shape.harmonic_coefficients)
+        return replace(self, radius_m=shape.radius_m, bumps=bumps, degree=shape.degree)
+
+
+@dataclass(frozen=True)
+class RoomScreen:
+    """A room by its dimensions, of which projectors light some parts.
+
+    Attributes
+    ----------
+    kind : "box" or "cylinder". size : of a box width, depth and height [m]; of a cylinder radius [m], arc
+        [degrees] and height [m]. lit : names of the parts that projectors light.
+    others : parts that are not lit: name, albedo and its standard error [-].
+    """
+
+    kind: str
+    size: tuple[float, float, float]
+    lit: tuple[str, ...]
+    others: tuple[tuple[str, float, float], ...] = ()
+
+    @cached_property
+    def room(self) -> "Room":
+        """Its mesh and canvas."""
+        from procam.maths.mesh.rooms import planned_room  # noqa: PLC0415 - SciPy
+
+        return planned_room(self.kind, self.size, self.lit, FACES)
+
+    @cached_property
+    def shape(self) -> "MeshShape":
+        """The surface that rays meet."""
+        from procam.maths.mesh.shape import MeshShape  # noqa: PLC0415 - SciPy, which domes do not need
+
+        smooth = self.kind == "cylinder"
+        return MeshShape.of(self.room.vertices, self.room.faces, smooth=smooth)
+
+    @cached_property
+    def canvas(self) -> "RoomCanvas":
+        """The canvas of content and of a calibration's maps."""
+        from procam.maths.mesh.room_canvas import RoomCanvas  # noqa: PLC0415 - SciPy
+
+        return RoomCanvas(self.room, self.shape)
+
+    @cached_property
+    def factors(self) -> "CompressedFactors":
+        """Form factors between its faces; computing them takes some seconds."""
+        from procam.maths.mesh.compressed import compressed_factors  # noqa: PLC0415 - SciPy
+
+        return compressed_factors(self.room.vertices, self.room.faces)
+
+    @cached_property
+    def stated_albedo(self) -> Array:
+        """Albedo and its standard error (F, 2) of faces that are not lit; 0 of the others."""
+        of = {name: (value, sigma) for name, value, sigma in self.others}
+        return np.array([of.get(name, (0.0, 0.0)) for name in self.room.names])[self.room.part]
+
+    def face_albedo(self, lit: Array) -> Array:
+        """Albedo (F, 3) of the faces, where (F, 3) is given for lit ones."""
+        others = np.repeat(self.stated_albedo[:, :1], 3, axis=1)
+        others[self.canvas.lit_faces] = lit[self.canvas.lit_faces]
+        return others
+
+    def contains(self, direction: FloatArray) -> BoolArray:
+        """Whether directions (..., 3) are known: the room is all around."""
+        return np.asarray(np.isfinite(direction).all(axis=-1))
+
+    def measure(self, points: Array) -> Array:
+        """Points (..., 3) as areas are counted, in [m^2]: as they are."""
+        return points
+
+    def solved(self, shape: RoundShape) -> "RoomScreen":
+        """The room itself, whose dimensions are known."""
+        return self
+
+
+Screen = Dome | RoomScreen
+ContentCanvas = Union[Canvas, "RoomCanvas"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

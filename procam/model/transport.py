@@ -1,4 +1,4 @@
-"""Light transport of the dome: maps on a dome master, the scatter kernel, measured values."""
+"""Light transport of the screen: maps on its canvas, the scatter kernel, measured values."""
 
 from dataclasses import dataclass, field
 
@@ -56,18 +56,18 @@ class ScatterKernel:
 
 
 @dataclass(frozen=True, slots=True)
-class DomeMaps:
-    """Maps of the dome on an equidistant dome master of 180 degrees, front at the bottom edge.
+class ScreenMaps:
+    """Maps of the screen on its canvas; of a dome, a master of 180 degrees, front at the bottom edge.
 
     Attributes
     ----------
-    scatter_per_flux : (N, N, 3) u, scattered light per direct flux of full white [1/sr].
-    albedo : (N, N, 3) diffuse reflectance [-].
-    lo, hi : (N, N, 3) direct light with all projectors black, and at full blended white [rel].
-    coverage : (N, N) share of the pixel that a projector can light, 0..1.
-    protected : (N, N) mask of the part that is never compensated; None for nowhere.
-    kernel : dependence of the scattered light on the picture.
-    falloff : (N, N) of the white, 1 at its brightest; content is multiplied by it. None for uniform.
+    scatter_per_flux : (H, W, 3) u, scattered light per direct flux of full white [1/sr]; in a room [1/m^2].
+    albedo : (H, W, 3) diffuse reflectance [-].
+    lo, hi : (H, W, 3) direct light with all projectors black, and at full blended white [rel].
+    coverage : (H, W) share of the pixel that a projector can light, 0..1.
+    protected : (H, W) mask of the part that is never compensated; None for nowhere.
+    kernel : dependence of the scattered light on the picture, on a dome.
+    falloff : (H, W) of the white, 1 at its brightest; content is multiplied by it. None for uniform.
     """
 
     scatter_per_flux: Map
@@ -80,7 +80,7 @@ class DomeMaps:
     falloff: Map | None = None
 
     def __post_init__(self) -> None:
-        plane = 2 * self.coverage.shape[:1]
+        plane = self.coverage.shape
         shapes = dict.fromkeys(("scatter_per_flux", "albedo", "lo", "hi"), (*plane, 3))
         for name, shape in (shapes | {"coverage": plane, "falloff": plane}).items():
             field = getattr(self, name)
@@ -89,8 +89,8 @@ class DomeMaps:
 
     @property
     def size(self) -> int:
-        """Edge of the maps [px]."""
-        return int(self.coverage.shape[0])
+        """Width of the maps [px], the edge of those of a dome."""
+        return int(self.coverage.shape[1])
 
     def is_protected(self, where: FloatArray) -> BoolArray:
         """Whether positions (..., 2) of the maps [px] are in the part that is never compensated."""

@@ -24,7 +24,7 @@ from procam.maths.light.radiosity import add_interreflection, floor_return, sphe
 from procam.maths.warp import sample
 from procam.model.calibration import Calibration
 from procam.model.screen import Dome
-from procam.model.transport import DomeMaps, Measured
+from procam.model.transport import Measured, ScreenMaps
 from procam.workflows.judged_picture import LUMINANCE, Judged, PictureFigures, Seen, figures_of
 
 SAMPLES = 512  # edge of the pictures that are judged [px]: 0.35 degrees
@@ -107,7 +107,7 @@ class PlannedDome:
         scatter = feedback / float((solid * coverage).sum())
         flat = np.ones((size, size, 3), np.float32)
         lit = coverage[..., None] * flat
-        maps = DomeMaps(scatter * flat, albedo * flat, lit / self.contrast, lit, coverage)
+        maps = ScreenMaps(scatter * flat, albedo * flat, lit / self.contrast, lit, coverage)
         m, paint = (Measured(np.full(3, v), np.zeros(3)) for v in (feedback, albedo))
         return Calibration(self.screen, {}, {}, maps, m, paint, np.eye(3))
 
@@ -236,7 +236,7 @@ def ambient_level(calibration: Calibration, state: str | None) -> float:
     return 0.0 if light is None else _lit_mean(calibration.maps, light)
 
 
-def _lit_mean(maps: DomeMaps, light: Image) -> float:
+def _lit_mean(maps: ScreenMaps, light: Image) -> float:
     """Mean luminance over what is lit."""
     solid = master_solid_angles(maps.size) * maps.coverage
     return float(LUMINANCE @ np.tensordot(solid, light, 2) / solid.sum())
@@ -278,7 +278,7 @@ def picture_figures(
     content = compensator.target(content)
     lit, black = _covered(calibration, size), black_level(calibration)
     free = ~compensator.protected
-    weight = calibration.canvas.solid_angles(size)
+    weight = calibration.canvas.weights(size)
     return figures_of(content, none.observed, exact, Judged(lit, free, weight, black))
 
 

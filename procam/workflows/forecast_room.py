@@ -13,7 +13,7 @@ from procam.compensate.room import BRIGHTEST, RoomCompensator
 from procam.errors import InputError
 from procam.maths.mesh.canvas import mesh_canvas
 from procam.maths.mesh.compressed import compressed_factors
-from procam.maths.mesh.rooms import Room, box_room, cylinder_room
+from procam.maths.mesh.rooms import planned_room
 from procam.workflows.forecast import Levels, ratio
 from procam.workflows.judged_picture import Judged, PictureFigures, Seen, figures_of
 
@@ -66,22 +66,6 @@ class PlannedRoom:
         step = 1.96 * self.albedo_sigma
         return self.albedo - step, self.albedo, self.albedo + step
 
-    @property
-    def area_m2(self) -> float:
-        """Of all its parts."""
-        if self.kind == "box":
-            width, depth, height = self.size
-            return 2 * (width * depth + width * height + depth * height)
-        radius_m, arc_deg, height_m = self.size
-        return float(np.radians(arc_deg)) * radius_m * (height_m + radius_m / 2)
-
-    def room(self, edge_m: float) -> Room:
-        """Its mesh, of triangles with edges of about `edge_m`."""
-        if self.kind == "box":
-            return box_room(self.size, self.lit, edge_m)
-        radius_m, arc_deg, height_m = self.size
-        return cylinder_room(radius_m, np.radians(arc_deg), height_m, self.lit, edge_m)
-
 
 @dataclass(frozen=True, slots=True)
 class RoomProspect:
@@ -111,9 +95,9 @@ class RoomProspect:
         return [figures for figures, _ in found], found[1][1]
 
 
-def planned_room(plan: PlannedRoom, samples: int = SAMPLES) -> RoomProspect:
+def room_prospect(plan: PlannedRoom, samples: int = SAMPLES) -> RoomProspect:
     """The prospect of a room, with the 95 % interval of its albedo."""
-    room = plan.room(float(np.sqrt(2 * plan.area_m2 / FACES)))
+    room = planned_room(plan.kind, plan.size, plan.lit, FACES)
     longest, shortest = max(room.size_m), min(room.size_m)
     if longest > MOST_ASPECT * shortest:
         raise InputError(

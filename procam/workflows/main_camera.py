@@ -7,13 +7,12 @@ import numpy as np
 from procam.arrays import Image
 from procam.estimate.camera.binning import Binning
 from procam.estimate.camera.radiance import Radiometer
-from procam.estimate.geometry.camera_view import DomeView
+from procam.estimate.geometry.camera_view import ScreenView
 from procam.files.venue.load import Venue
 from procam.files.venue.masks import camera_masks, screen_mask
-from procam.maths.geometry.sphere import master_pixels
 from procam.model.calibration import Calibration
 from procam.model.optics import CameraModel
-from procam.model.screen import Dome
+from procam.model.screen import Screen
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +27,7 @@ class MainCamera:
     """
 
     radiometer: Radiometer
-    view: DomeView
+    view: ScreenView
     content_matrix: Image
 
     @classmethod
@@ -53,11 +52,11 @@ def light_radiometer(camera: CameraModel, stated: CameraModel | None = None) -> 
     return Radiometer(camera, Binning.of(stated or camera))
 
 
-def screen_view(venue: Venue, dome: Dome, radiometer: Radiometer) -> DomeView:
+def screen_view(venue: Venue, screen: Screen, radiometer: Radiometer) -> ScreenView:
     """A camera's view of the screen, without the manual masks of both."""
     masks, binning = camera_masks(venue), radiometer.binning
     seen = radiometer.seen & ~binning.largest(masks[radiometer.camera.name].covered)
-    view = DomeView.of(radiometer.camera, dome, radiometer.rays, seen)
+    view = ScreenView.of(radiometer.camera, screen, radiometer.rays, seen)
     size = venue.table.screen.map_size
-    places = master_pixels(np.nan_to_num(view.direction), size)
+    places = screen.canvas.pixels(np.nan_to_num(view.direction), size)
     return view.without(screen_mask(venue, size).at(places))

@@ -283,7 +283,7 @@ class TestRoom:
             assert scene.preset.floor_albedo == pytest.approx(albedo)
 
     def test_ambient_light_adds(self, ideal: DomeScene) -> None:
-        on_dome = ideal.sight_lines("zenith").on_dome
+        on_dome = ideal.sight_lines("zenith").on_screen
         base, lit = (counts(drifted(ideal, d)) for d in ([], [Drift("ambient", 0.05)]))
         added = (lit - base)[..., 1] / Sensor(ideal, "zenith").vignetting[..., 0].clip(1e-9)
         expected = 0.05 * IDEAL.brightness * IDEAL.albedo * EXPOSURE_S * (2**16 - 1 - 64)

@@ -52,7 +52,7 @@ def _levels(scene: DomeScene) -> tuple[np.ndarray, np.ndarray]:
     bench = PhotographBench(scene, "south")
     view, fall = scene.sight_lines("zenith"), bench._sensor.vignetting[..., 0]
     lit = _smeared_mask(np.isfinite(bench.projector_pixels()[..., 0]))
-    return _signal(scene, WHITE) / np.where(fall > 0, fall, 1), view.on_dome & ~lit & (fall > 0)
+    return _signal(scene, WHITE) / np.where(fall > 0, fall, 1), view.on_screen & ~lit & (fall > 0)
 
 
 def _smeared_mask(mask: np.ndarray) -> np.ndarray:
@@ -79,7 +79,7 @@ class TestAlbedo:
         direct = []
         for scene in (ideal, ideal.altered(albedo=albedo)):
             level, unlit = _levels(scene)
-            direct.append((level - level[unlit].mean())[scene.sight_lines("zenith").on_dome])
+            direct.append((level - level[unlit].mean())[scene.sight_lines("zenith").on_screen])
         assert direct[0].max() > 0.5
         np.testing.assert_allclose(direct[1], direct[0], rtol=0, atol=10 * FLOAT32)
 

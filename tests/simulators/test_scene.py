@@ -159,7 +159,7 @@ class TestScene:
         total = scene.radiance_of_drives(view, {"south": white}, {"south": 1.0}, ALL_BANDS, 0.0)
         rho, sphere = IDEAL.albedo, 4 * np.pi * IDEAL.radius_m**2
         expected = rho * flux.sum(axis=0) / (sphere - rho * sphere / 2)
-        unlit = view.on_dome & (
+        unlit = view.on_screen & (
             view.direct("south", np.ones((*PANEL[::-1], 1), np.float32))[..., 0] == 0
         )
         assert unlit.sum() > 1000
@@ -171,7 +171,7 @@ class TestScene:
         view = scene.sight_lines("zenith")
         seen = view.direct("south", np.full((*PANEL[::-1], 1), 3.0, np.float32))[..., 0]
         where, _ = view.sources["south"]
-        inner = view.on_dome & np.all((where >= 0) & (where <= np.array(PANEL) - 1), axis=-1)
+        inner = view.on_screen & np.all((where >= 0) & (where <= np.array(PANEL) - 1), axis=-1)
         assert inner.sum() > 1000
         np.testing.assert_allclose(seen[inner], 3.0 * IDEAL.albedo, rtol=FLOAT32)
 

@@ -117,8 +117,8 @@ class TestRoom:
 
     @pytest.fixture(autouse=True)
     def coarse(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        whole = room_command.planned_room
-        monkeypatch.setattr(room_command, "planned_room", lambda plan, _: whole(plan, 140))
+        whole = room_command.room_prospect
+        monkeypatch.setattr(room_command, "room_prospect", lambda plan, _: whole(plan, 140))
         monkeypatch.setattr(forecast_room, "FACES", 500)
 
     def test_all_walls_of_one_albedo(self) -> None:

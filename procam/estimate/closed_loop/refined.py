@@ -15,7 +15,7 @@ from procam.maths.geometry.sphere import (
 from procam.maths.light.radiosity import albedo_from_feedback, floor_return
 from procam.maths.warp import sample
 from procam.model.calibration import Calibration, ProjectorCalibration
-from procam.model.transport import DomeMaps, Measured
+from procam.model.transport import Measured, ScreenMaps
 
 
 def with_gains(calibration: Calibration, gain_factor: Array) -> Calibration:
@@ -51,7 +51,7 @@ def with_scatter(calibration: Calibration, factor: Array) -> Calibration:
 
 
 def _regained(
-    projector: ProjectorCalibration, factor: Array, maps: DomeMaps
+    projector: ProjectorCalibration, factor: Array, maps: ScreenMaps
 ) -> ProjectorCalibration:
     direction = np.nan_to_num(projector.surface.direction)
     at = _factor_at(factor, master_pixels(direction, maps.size), maps)
@@ -59,7 +59,7 @@ def _regained(
     return replace(projector, photometry=photometry)
 
 
-def _factor_at(factor: Array, where: FloatArray, maps: DomeMaps) -> Image:
+def _factor_at(factor: Array, where: FloatArray, maps: ScreenMaps) -> Image:
     """The factor at positions (..., 2) of the maps [px]; 1 where the picture is protected."""
     cell = (where + 0.5) * (len(factor) / maps.size) - 0.5
     at = sample(factor, cell, outside=1.0)
@@ -69,7 +69,7 @@ def _factor_at(factor: Array, where: FloatArray, maps: DomeMaps) -> Image:
 
 def _albedo_factor(calibration: Calibration, scatter: Array) -> Array:
     """Factor (C,) of the albedo that multiplies the feedback by `scatter` (C,)."""
-    dome, maps, m = calibration.screen, calibration.maps, calibration.feedback.value
+    dome, maps, m = calibration.dome, calibration.maps, calibration.feedback.value
     screen_sr = cap_solid_angle(dome.half_angle)
     lit_sr = min(float((master_solid_angles(maps.size) * maps.coverage).sum()), screen_sr)
     returned = floor_return(dome.half_angle, dome.tilt, dome.floor_albedo)

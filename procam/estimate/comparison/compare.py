@@ -165,7 +165,7 @@ def compare_calibrations(first: Calibration, second: Calibration) -> Comparison:
         If the calibrations share too few pixels of a projector.
     """
     pairs = {
-        name: common_pixels(name, here, second.projectors[name], first.screen.radius_m)
+        name: common_pixels(name, here, second.projectors[name], first.screen.shape.radius_m)
         for name, here in first.projectors.items()
     }
     thin = {name: pair.thinned() for name, pair in pairs.items()}

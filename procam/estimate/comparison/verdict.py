@@ -261,7 +261,7 @@ def _all_pairs(first: Calibration, second: Calibration) -> dict[tuple[str, str],
         for b, there in second.projectors.items():
             if here.model.size == there.model.size:
                 try:
-                    both = common_pixels(a, here, there, first.screen.radius_m)
+                    both = common_pixels(a, here, there, first.screen.shape.radius_m)
                 except NotEnoughData:
                     continue  # they are different projectors
                 pairs[a, b] = both.thinned(MATCH_PIXELS)

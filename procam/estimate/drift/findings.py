@@ -210,6 +210,6 @@ def _floor(calibration: Calibration, change: VenueChange) -> Iterator[Finding]:
 def scatter_by_dome(calibration: Calibration, change: VenueChange) -> Array:
     """Scattered per direct light over that before (3,), by the change of the screen's albedo alone."""
     direction, inside = master_directions(64)
-    above = inside & (direction[..., 2] > np.cos(calibration.screen.half_angle))
+    above = inside & (direction[..., 2] > np.cos(calibration.dome.half_angle))
     change_of_albedo = float(np.mean(change.dome.log_albedo(direction[above])))
     return np.asarray(np.exp(change_of_albedo * (1 + calibration.feedback.value)))

@@ -23,7 +23,7 @@ from procam.estimate.drift.pictures import (
     texture,
 )
 from procam.estimate.drift.response_change import tile_index
-from procam.estimate.geometry.camera_view import DomeView
+from procam.estimate.geometry.camera_view import ScreenView
 from procam.estimate.geometry.model import project_to_camera
 from procam.maths.warp import sample
 from procam.model.calibration import Calibration
@@ -150,7 +150,7 @@ def from_pose(
 ) -> VenuePhotographs:
     """The photographs by a camera in its new pose, without the part of the dome that was masked before."""
     radiometer = Radiometer(motion.camera)
-    view = DomeView.of(motion.camera, calibration.screen, radiometer.rays, radiometer.seen)
+    view = ScreenView.of(motion.camera, calibration.screen, radiometer.rays, radiometer.seen)
     then = project_to_camera(before.camera, view.points(calibration.screen).astype(float))
     seen_then = sample(before.view.on_screen.astype(np.float32), then)
     return replace(now, view=view.without(seen_then < SEEN_THEN))

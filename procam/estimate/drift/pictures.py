@@ -11,13 +11,13 @@ from functools import cached_property
 import numpy as np
 
 from procam.arrays import Array, BoolArray, FloatArray, Image
-from procam.estimate.geometry.camera_view import DomeView
+from procam.estimate.geometry.camera_view import ScreenView
 from procam.estimate.geometry.model import project_to_camera
-from procam.estimate.geometry.screen_points import round_shape, screen_points
+from procam.estimate.geometry.screen_points import screen_points
 from procam.maths.warp import sample
 from procam.model.calibration import ProjectorCalibration
 from procam.model.optics import CameraModel
-from procam.model.screen import Dome
+from procam.model.screen import Screen
 
 MOST_ACROSS = 640  # points of a panel: about as many as a camera resolves of it
 LEAST_WHITE = 0.02  # of the panel's usual white, below which a point is not lit
@@ -52,7 +52,7 @@ class VenuePhotographs:
     `view` is what it sees of the screen, `dark` (H, W, 3) the radiance with all projectors dark.
     """
 
-    view: DomeView
+    view: ScreenView
     dark: Image
     projectors: Mapping[str, ProjectorPhotographs]
 
@@ -80,14 +80,14 @@ class PanelGrid:
     _points: Array
 
     @classmethod
-    def of(cls, projector: ProjectorCalibration, screen: Dome) -> "PanelGrid":
+    def of(cls, projector: ProjectorCalibration, screen: Screen) -> "PanelGrid":
         """The grid of a calibrated projector."""
         width, height = projector.model.size
         step = -(-width // MOST_ACROSS)
         pixel = np.stack(np.meshgrid(np.arange(0, width, step), np.arange(0, height, step)), -1)
         direction = projector.surface.direction[::step, ::step]
         valid = projector.surface.valid[::step, ::step] & np.isfinite(direction).all(axis=-1)
-        points = screen_points(round_shape(screen), np.nan_to_num(direction, nan=0.577))
+        points = screen_points(screen.shape, np.nan_to_num(direction, nan=0.577))
         solid = projector.surface.solid_angle_sr[::step, ::step]
         return cls(step, pixel.astype(float), direction, valid, solid, points)
 

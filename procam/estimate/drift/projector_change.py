@@ -19,7 +19,6 @@ from procam.estimate.drift.response_change import (
     raised_drive,
     tile_index,
 )
-from procam.estimate.geometry.screen_points import round_shape
 from procam.maths.statistics import MEDIAN_SIGMA, robust_sigma
 from procam.model.calibration import Calibration
 from procam.model.optics import ProjectorModel
@@ -157,7 +156,7 @@ def _edge(
     motion: Motion,
 ) -> float | None:
     model = calibration.projectors[panel.name].model
-    bands = EdgeBands.of(model, round_shape(calibration.screen), panel.grid)
+    bands = EdgeBands.of(model, calibration.screen.shape, panel.grid)
     whites = [(each.camera, each.projectors[panel.name].white) for each in (before, now)]
     return edge_follows(bands, panel.grid, whites[0], whites[1], motion)
 

@@ -1,4 +1,4 @@
-"""The dome as one camera sees it: direction and solid angle of every pixel, and lenses that it looks into."""
+"""The screen as one camera sees it: direction and weight of every pixel, and lenses that it looks into."""
 
 from dataclasses import dataclass, field, replace
 
@@ -6,11 +6,11 @@ import numpy as np
 
 from procam.arrays import Array, BoolArray, FloatArray, Image
 from procam.estimate.geometry.model import RigGeometry, camera_rays, project_to_camera
-from procam.estimate.geometry.screen_points import intersect_screen, round_shape, screen_points
+from procam.estimate.geometry.screen_points import intersect_screen, screen_points
 from procam.maths.geometry.lenses import project_before_fold
 from procam.maths.geometry.sphere import normalise
 from procam.model.optics import CameraModel, ProjectorModel
-from procam.model.screen import Dome
+from procam.model.screen import Screen
 
 BAND = 256  # rows at a time, in double precision
 HOUSING_RADIUS_M = (
@@ -20,55 +20,53 @@ GLARE_PX = 3.0  # of glare around a lens's rim
 
 
 @dataclass(frozen=True)
-class DomeView:
-    """The dome as one camera sees it.
+class ScreenView:
+    """The screen as one camera sees it.
 
     Attributes
     ----------
-    direction : (H, W, 3) from the dome's centre to the point that the pixel sees.
-    on_screen : (H, W) whether the pixel sees the cap.
-    solid_angle_sr : (H, W) of that part of the cap from the centre [sr].
+    direction : (H, W, 3) from the screen's origin to the point that the pixel sees.
+    on_screen : (H, W) whether the pixel sees the screen.
+    weight : (H, W) of what it sees: solid angle from the centre of a dome [sr], area in a room [m^2].
     """
 
     camera: CameraModel
     direction: Image
     on_screen: BoolArray
-    solid_angle_sr: Array
-    _points: dict[Dome, Image] = field(default_factory=dict, repr=False, compare=False)
+    weight: Array
+    _points: dict[Screen, Image] = field(default_factory=dict, repr=False, compare=False)
 
     @classmethod
-    def of(cls, camera: CameraModel, dome: Dome, rays: Array, seen: BoolArray) -> "DomeView":
+    def of(cls, camera: CameraModel, screen: Screen, rays: Array, seen: BoolArray) -> "ScreenView":
         """The view of a camera with a pose, whose pixels have the `rays` (H, W, 3) and are `seen`."""
         origin, lines = camera_rays(camera, rays.reshape(-1, 3))
-        direction = normalise(intersect_screen(round_shape(dome), origin, lines)).reshape(
-            rays.shape
-        )
-        on_screen = seen & (direction[..., 2] >= np.cos(dome.half_angle))
-        across = np.gradient(direction, axis=1)
-        down = np.gradient(direction, axis=0)
+        points = intersect_screen(screen.shape, origin, lines).reshape(rays.shape)
+        direction, measured = normalise(points), screen.measure(points)
+        on_screen = seen & screen.contains(direction)
+        across, down = (_steps(measured, axis) for axis in (1, 0))
         size = np.linalg.norm(np.cross(across, down), axis=-1)
         return cls(camera, direction.astype(np.float32), on_screen, np.where(on_screen, size, 0.0))
 
-    def without(self, covered: BoolArray) -> "DomeView":
+    def without(self, covered: BoolArray) -> "ScreenView":
         """The view without the pixels of a mask (H, W)."""
-        solid = np.where(covered, 0.0, self.solid_angle_sr)
-        return replace(self, on_screen=self.on_screen & ~covered, solid_angle_sr=solid)
+        weight = np.where(covered, 0.0, self.weight)
+        return replace(self, on_screen=self.on_screen & ~covered, weight=weight)
 
-    def points(self, dome: Dome) -> Image:
+    def points(self, screen: Screen) -> Image:
         """Points (H, W, 3) that the pixels see [m]; computed once, for harmonics of a picture are slow."""
-        if dome not in self._points:
-            points = screen_points(round_shape(dome), self.direction)
-            self._points[dome] = points.astype(np.float32)
-        return self._points[dome]
+        if screen not in self._points:
+            points = screen_points(screen.shape, self.direction)
+            self._points[screen] = points.astype(np.float32)
+        return self._points[screen]
 
-    def camera_pixels(self, dome: Dome, direction: FloatArray) -> Array:
+    def camera_pixels(self, screen: Screen, direction: FloatArray) -> Array:
         """Pixel (..., 2) of the camera that sees the screen in directions (..., 3) from its centre."""
-        return project_to_camera(self.camera, screen_points(round_shape(dome), direction))
+        return project_to_camera(self.camera, screen_points(screen.shape, direction))
 
-    def projector_pixels(self, projector: ProjectorModel, dome: Dome) -> Image:
+    def projector_pixels(self, projector: ProjectorModel, screen: Screen) -> Image:
         """Projector pixel (H, W, 2) that lights the point each camera pixel sees; NaN if none does."""
         found = np.full((*self.on_screen.shape, 2), np.nan, np.float32)
-        points, (width, height) = self.points(dome), projector.size
+        points, (width, height) = self.points(screen), projector.size
         for top in range(0, len(points), BAND):
             rows = slice(top, top + BAND)
             local = projector.projector_from_dome.apply(points[rows].astype(float))
@@ -77,6 +75,18 @@ class DomeView:
             inside &= (xy[..., 1] > -0.5) & (xy[..., 1] < height - 0.5) & self.on_screen[rows]
             found[rows][inside] = xy[inside]
         return found
+
+
+def _steps(measured: Array, axis: int) -> Array:
+    """Change (H, W, 3) of points from pixel to pixel, 0 where no neighbour meets the screen."""
+    central = np.gradient(measured, axis=axis)
+    lost = np.isnan(central).any(axis=-1)
+    if lost.any():  # at the edge of an open screen one neighbour does
+        forward = np.diff(measured, axis=axis, append=np.nan)
+        backward = np.diff(measured, axis=axis, prepend=np.nan)
+        one_sided = np.where(np.isnan(forward), backward, forward)
+        central[lost] = np.nan_to_num(one_sided[lost])
+    return central
 
 
 def lens_glints(rig: RigGeometry, model: CameraModel, rays: Array) -> BoolArray:

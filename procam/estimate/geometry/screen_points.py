@@ -1,4 +1,4 @@
-"""Points on a round screen for whole images of rays, block by block."""
+"""Points on a screen for whole images of rays, block by block."""
 
 from collections.abc import Callable
 
@@ -6,14 +6,8 @@ import numpy as np
 
 from procam.arrays import Array, FloatArray
 from procam.maths.geometry.ray_to_screen import RoundShape
-from procam.model.screen import Dome
 
 BLOCK = 1 << 16  # rays at a time: harmonics of a whole image would not fit in memory
-
-
-def round_shape(dome: Dome) -> RoundShape:
-    """The solved shape of a dome."""
-    return RoundShape(dome.radius_m, np.array(dome.bumps), dome.degree)
 
 
 def intersect_screen(shape: RoundShape, origin: Array, rays: Array) -> Array:

@@ -312,7 +312,9 @@ def _best_first(
 def _roughly(
     problem: RigProblem, seen: Mapping[Pair, Observations], rig: RigGeometry
 ) -> RigGeometry:
-    """A few robust steps on the devices that the rig has so far."""
+    """A few robust steps on the devices that the rig has so far, by the marks that these see."""
+    marks = [f for f in problem.fiducials if f.device in rig.cameras or f.device in rig.projectors]
+    problem = replace(problem, fiducials=marks, distances=())
     few = {pair: some.thinned(ROUGH) for pair, some in _visible(rig, seen).items()}
     return Adjustment(problem, few, prior_sigmas(problem, rig)).solve(rig, robust=True)
 

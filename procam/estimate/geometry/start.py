@@ -16,7 +16,7 @@ from procam.errors import CalibrationError, NotEnoughData
 from procam.estimate.boards.projector_corners import resect_pinhole
 from procam.estimate.geometry.model import Observations, Pair, RigGeometry, points_seen, residuals
 from procam.maths.geometry.lenses import Lens, LensKind, project, unproject
-from procam.maths.geometry.pose import Pose, align_rotation
+from procam.maths.geometry.pose import Pose, align_rotation, rotation_vector
 from procam.maths.geometry.ray_to_screen import RoundShape
 from procam.maths.geometry.sphere import direction_from_angles, normalise
 from procam.model.optics import CameraModel, Fiducial, ProjectorModel
@@ -25,6 +25,12 @@ THINNED = 400  # observations of each pair that are used here
 MIN_OBSERVATIONS = 40  # of a projector
 MIN_FIDUCIALS = 4  # three leave up to four solutions for a position
 OFFSETS = (0.25, 0.5)  # of the radius: distances of the first camera from the centre
+FLAT, FLAT_SHARE, FLAT_ROUNDS = (
+    0.02,
+    0.7,
+    3,
+)  # of the points' extent; of the points; of a fit of the wall
+FLAT_FOCAL_LENGTHS, FLAT_CENTRES = (0.5, 1.0, 2.0), (0.5, 0.0, 1.0)  # of the width; of the height
 FOCAL_LENGTHS = (0.3, 0.45, 0.6, 0.8)  # over the panel's short side, tried for a fisheye projector
 
 
@@ -200,7 +206,9 @@ def _misfit(rig: RigGeometry, seen: Mapping[Pair, Observations]) -> float:
 
 
 def _resection(prior: ProjectorPrior, points: Array, pixels: Array) -> ProjectorModel:
-    """A pinhole projector by the direct linear transform."""
+    """A pinhole projector by the direct linear transform; on a flat wall, with square pixels."""
+    if _are_flat(points):
+        return _flat_resection(prior, points, pixels)
     found = resect_pinhole(points, pixels, prior.size)
     if found is None:
         raise CalibrationError(
@@ -208,6 +216,44 @@ def _resection(prior: ProjectorPrior, points: Array, pixels: Array) -> Projector
             "in its menu; if it is not mirrored, correct f and distortion of the camera in venue.toml."
         )
     return ProjectorModel(prior.name, prior.size, *found)
+
+
+def _are_flat(points: Array) -> bool:
+    """Whether most points (N, 3) lie on one wall, which does not determine all of a pinhole."""
+    away = points - np.median(points, axis=0)
+    normal = np.linalg.svd(away, full_matrices=False)[2][2]
+    for _ in range(FLAT_ROUNDS):  # some light beside the wall must not tilt it
+        off = np.abs(away @ normal - np.median(away @ normal))
+        near = away[off <= np.quantile(off, FLAT_SHARE)]
+        normal = np.linalg.svd(near - near.mean(axis=0), full_matrices=False)[2][2]
+    off = np.abs(away @ normal - np.median(away @ normal))
+    return bool(np.quantile(off, FLAT_SHARE) < FLAT * np.ptp(away, axis=0).max())
+
+
+def _flat_resection(prior: ProjectorPrior, points: Array, pixels: Array) -> ProjectorModel:
+    """A pinhole with square pixels and its centre halfway across: what points of one wall determine."""
+    (width, height), zero = prior.size, np.zeros(5)
+    radius_m = float(np.linalg.norm(points, axis=1).max())
+
+    def lens_of(x: Array) -> Lens:
+        return Lens(
+            "brown", np.full(2, width * np.exp(x[0])), np.array([width / 2, height * x[1]]), zero
+        )
+
+    def error(x: Array) -> Array:
+        off = project(Pose.from_vectors(x[2:5], x[5:]).apply(points), lens_of(x)) - pixels
+        return np.nan_to_num(off, nan=float(width)).ravel()
+
+    fits = []
+    for focal in FLAT_FOCAL_LENGTHS:
+        for centre in FLAT_CENTRES:
+            x = np.array([np.log(focal), centre])
+            pose = resect_by_rays(unproject(pixels, lens_of(x)), points, radius_m)
+            start = np.r_[x, rotation_vector(pose.rotation), pose.translation]
+            fits.append(least_squares(error, start, loss="soft_l1", f_scale=2.0, max_nfev=60))
+    best = min(fits, key=lambda fit: float(fit.cost)).x
+    pose = Pose.from_vectors(best[2:5], best[5:])
+    return ProjectorModel(prior.name, prior.size, lens_of(best), pose)
 
 
 def _fisheye_resection(prior: ProjectorPrior, points: Array, pixels: Array) -> ProjectorModel:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from procam.arrays import Array, BoolArray, Image, Map
-from procam.estimate.geometry.camera_view import DomeView
+from procam.estimate.geometry.camera_view import ScreenView
 from procam.estimate.light.scatter_kernel import BLACK_BLUR_PX, ScatterCells, cell_basis
 from procam.estimate.light.separation import CLEAR_CAMERA_PX
 from procam.maths.geometry.sphere import master_directions, master_pixels
@@ -57,10 +57,10 @@ class ZoneObservation:
 class AudienceView:
     """A calibrated dome, seen by its main camera; `view` excludes manual masks."""
 
-    def __init__(self, calibration: Calibration, view: DomeView) -> None:
+    def __init__(self, calibration: Calibration, view: ScreenView) -> None:
         maps = calibration.maps
         self.calibration, self.view = calibration, view
-        self._cells = ScatterCells(view.direction, view.solid_angle_sr)
+        self._cells = ScatterCells(view.direction, view.weight)
         places = master_pixels(np.nan_to_num(view.direction), maps.size)
         u, _ = self._cells.mean(sample(maps.scatter_per_flux, places), view.on_screen)
         self._u = np.nan_to_num(u)
@@ -89,7 +89,7 @@ class AudienceView:
         direction, inside = master_directions(maps.size)
         where = self.view.camera_pixels(self.calibration.screen, direction)
         level = np.maximum(sample(smooth, where), 0) * inside[..., None]
-        lit_sr = self._covered * self.view.solid_angle_sr * known
+        lit_sr = self._covered * self.view.weight * known
         mean = np.tensordot(lit_sr, np.nan_to_num(light), 2) / lit_sr.sum()
         return level.astype(np.float32), np.maximum(mean, 0)
 

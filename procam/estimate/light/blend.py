@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 
 from procam.arrays import Array, BoolArray, FloatArray, Image
-from procam.estimate.geometry.screen_points import round_shape, screen_points
+from procam.estimate.geometry.screen_points import screen_points
 from procam.maths.geometry.lenses import project_before_fold
 from procam.maths.warp import edge_distance, sample
 from procam.model.calibration import ProjectorCalibration
-from procam.model.screen import Dome
+from procam.model.screen import Screen
 
 WHITE_QUANTILE = 0.001  # instead of the minimum, to leave out a few noisy pixels
 
@@ -21,8 +21,8 @@ class Blender:
     They sum to 1 in linear light wherever any projector reaches.
     """
 
-    def __init__(self, projectors: Mapping[str, ProjectorCalibration], dome: Dome) -> None:
-        self._projectors, self._shape = projectors, round_shape(dome)
+    def __init__(self, projectors: Mapping[str, ProjectorCalibration], screen: Screen) -> None:
+        self._projectors, self._shape = projectors, screen.shape
         self._distance = {
             name: edge_distance(each.surface.valid) / max(each.model.size)
             for name, each in projectors.items()

@@ -8,7 +8,7 @@ import numpy as np
 
 from procam.arrays import Array, Image
 from procam.errors import OutOfModelRange
-from procam.estimate.geometry.camera_view import DomeView
+from procam.estimate.geometry.camera_view import ScreenView
 from procam.estimate.light.feedback import estimate_albedo, estimate_feedback
 from procam.estimate.light.floor_albedo import FloorLight, combined_floor_albedo, measure_floor
 from procam.estimate.light.scatter_kernel import ScatterSample, ScatterSolution, solve_scatter
@@ -40,7 +40,7 @@ class DomeScatter:
 
 def measure_scatter(
     dome: Dome,
-    view: DomeView,
+    view: ScreenView,
     lights: Collection[SeparatedLight],
     samples: Sequence[Sequence[ScatterSample]],
     white: Array,
@@ -64,7 +64,7 @@ def measure_scatter(
     at = master_pixels(np.nan_to_num(view.direction), len(coverage))
     lit_sr = float((master_solid_angles(len(coverage)) * coverage).sum())
     screen_sr = cap_solid_angle(dome.half_angle)
-    lit_pixels_sr = sample(coverage, at) * view.solid_angle_sr
+    lit_pixels_sr = sample(coverage, at) * view.weight
     _check_lens(view.camera.name, float(lit_pixels_sr.sum()), lit_sr)
     sensor = view.camera.sensor
     unknown = max(MEASURED_VEIL * sensor.near_share, UNMEASURED_VEIL * sensor.glare)
@@ -72,7 +72,7 @@ def measure_scatter(
         estimate_feedback,
         lights,
         lit_pixels_sr,
-        view.solid_angle_sr,
+        view.weight,
         glare_sigma=np.hypot(sensor.glare_sigma, unknown),
     )
     rough = estimate_albedo(feedback(flux_sigma=0.0), lit_sr, screen_sr, dome, 0.0)

@@ -5,18 +5,20 @@ from collections.abc import Sequence
 import numpy as np
 
 from procam.arrays import Array, Array32, FloatArray
-from procam.estimate.geometry.camera_view import DomeView
+from procam.estimate.geometry.camera_view import ScreenView
 from procam.estimate.geometry.pixel_directions import PixelDirections, fit_pixel_directions
+from procam.estimate.geometry.screen_points import screen_points
 from procam.estimate.geometry.solve import GeometrySolution
 from procam.estimate.light.separation import SeparatedLight
-from procam.maths.geometry.areas import PanelField, panel_solid_angles
+from procam.maths.geometry.areas import PanelField, cell_areas, panel_areas, panel_solid_angles
 from procam.maths.geometry.local_shift import LocalShift
-from procam.maths.warp import sample
+from procam.maths.warp import blur_within, sample
 from procam.model.correspondence import ProjectorSurface
 from procam.model.mask import Nudge
-from procam.model.screen import Dome
+from procam.model.screen import Dome, Screen
 
 GREEN = 1
+BESIDE_PX = 1.0  # Gaussian that continues areas to pixels at the edge of an open screen
 MIN_LIT_SHARE = 0.5  # of a pixel's light, for it to be part of the footprint
 DARK_SHARE = 0.02  # of the brightest light, below which a share of it is not known
 
@@ -24,8 +26,8 @@ DARK_SHARE = 0.02  # of the brightest light, below which a share of it is not kn
 def project_surface(
     solution: GeometrySolution,
     name: str,
-    dome: Dome,
-    view: DomeView,
+    screen: Screen,
+    view: ScreenView,
     light: SeparatedLight,
     nudges: Sequence[Nudge] = (),
     moved_arcmin: float = 0.0,
@@ -44,15 +46,32 @@ def project_surface(
     x, y = (np.arange(n, dtype=float) for n in fitted.size)
     seen = fitted.directions(x, y)
     direction = field(x, y) if own else seen
-    on_screen = direction[..., 2] >= np.cos(dome.half_angle)
-    measured = np.where(on_screen, lit_share(light, view.camera_pixels(dome, seen)), 0)
+    on_screen = screen.contains(direction)
+    measured = np.where(on_screen, lit_share(light, view.camera_pixels(screen, seen)), 0)
     return ProjectorSurface(
         direction.astype(np.float32),
-        panel_solid_angles(fitted.size, field).astype(np.float32),
+        panel_weights(fitted.size, field, screen).astype(np.float32),
         measured > MIN_LIT_SHARE,
         measured.astype(np.float32),
         np.hypot(fitted.sigma_arcmin(x, y), np.float32(moved_arcmin)),
     )
+
+
+def panel_weights(size: tuple[int, int], field: PanelField, screen: Screen) -> Array:
+    """Weights (H, W) of a panel's pixels, as `ScreenView.weight`, from the directions of its points."""
+    if isinstance(screen, Dome):
+        return panel_solid_angles(size, field)
+
+    def points(x: Array, y: Array) -> Array:
+        direction = field(x, y)
+        known = np.isfinite(direction)
+        return np.where(
+            known, screen_points(screen.shape, np.where(known, direction, 0.577)), np.nan
+        )
+
+    areas = panel_areas(size, points, cell_areas).astype(np.float32)
+    known = np.isfinite(areas)  # at the edge of an open screen a corner misses it
+    return np.where(known, areas, blur_within(np.nan_to_num(areas), known, BESIDE_PX))
 
 
 def _nudged(fitted: PixelDirections, nudges: Sequence[Nudge]) -> PanelField:

@@ -1,18 +1,17 @@
-"""What projectors at full white, and at black, put on the pixels of a dome master."""
+"""What projectors at full white, and at black, put on the pixels of a canvas."""
 
 from collections.abc import Mapping
 
 import numpy as np
 
 from procam.arrays import Array, Image
-from procam.estimate.geometry.camera_view import DomeView
+from procam.estimate.geometry.camera_view import ScreenView
 from procam.estimate.light.blend import Blender
 from procam.estimate.light.measurement import ProjectorMeasurement, direct_black
 from procam.estimate.light.scatter_kernel import BLACK_BLUR_PX
-from procam.maths.geometry.sphere import master_directions
 from procam.maths.warp import blur, blur_within, sample
 from procam.model.calibration import ProjectorCalibration
-from procam.model.screen import Dome
+from procam.model.screen import Screen
 
 BORDER_PX = 2.0  # Gaussian that continues a gain beyond its border
 
@@ -27,13 +26,13 @@ class FullWhite:
     """
 
     def __init__(
-        self, projectors: Mapping[str, ProjectorCalibration], dome: Dome, size: int
+        self, projectors: Mapping[str, ProjectorCalibration], screen: Screen, size: int
     ) -> None:
-        exact, inside = master_directions(size)
+        exact, inside = screen.canvas.directions(size)
         direction = exact.astype(np.float32)
-        blender = Blender(projectors, dome)
+        blender = Blender(projectors, screen)
         self.weights = blender.weights(direction)
-        share, self.light = np.zeros((size, size)), np.zeros((size, size, 3))
+        share, self.light = np.zeros(inside.shape), np.zeros((*inside.shape, 3))
         for name, each in projectors.items():
             place, weight = blender.place(name, direction), self.weights[name]
             np.maximum(share, sample(each.surface.measured, place), out=share)
@@ -53,11 +52,11 @@ def _continued(projector: ProjectorCalibration) -> Image:
 
 def black_light(
     measured: ProjectorMeasurement,
-    view: DomeView,
-    dome: Dome,
+    view: ScreenView,
+    screen: Screen,
     content_from_camera: Array,
     size: int,
 ) -> Image:
     """Direct light (size, size, 3) of one projector's black, smoothed; noise may make it negative."""
     smooth = blur(direct_black(measured), BLACK_BLUR_PX) @ content_from_camera.T.astype(np.float32)
-    return sample(smooth, view.camera_pixels(dome, master_directions(size)[0]))
+    return sample(smooth, view.camera_pixels(screen, screen.canvas.directions(size)[0]))

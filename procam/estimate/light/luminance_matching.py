@@ -35,7 +35,7 @@ def matched_white(hi: Array, lit: BoolArray, falloff_per_rad: float) -> Image:
     """
     size = len(hi)
     if falloff_per_rad == 0 or not lit.any():
-        return np.ones((size, size), np.float32)
+        return np.ones(lit.shape, np.float32)
     dimmest = np.where(lit, (hi / hi[lit].mean(axis=0)).min(axis=-1), np.inf)
     cells = gcd(size, CELLS)
     block = size // cells

@@ -7,7 +7,7 @@ import numpy as np
 from procam.arrays import Array, BoolArray, Image, IndexArray
 from procam.errors import OutOfModelRange
 from procam.estimate.camera.linearity import Linearity, linearity_error
-from procam.estimate.geometry.camera_view import DomeView
+from procam.estimate.geometry.camera_view import ScreenView
 from procam.estimate.light.code_light import wave_notes
 from procam.estimate.light.inpaint import fill_light, fill_picture
 from procam.estimate.light.measurement import ProjectorMeasurement
@@ -38,7 +38,7 @@ Step = tuple[Image, IndexArray]
 
 
 def measure_light(
-    images: ProjectorImages, sight: CameraSight, view: DomeView, mask: Mask
+    images: ProjectorImages, sight: CameraSight, view: ScreenView, mask: Mask
 ) -> ProjectorMeasurement:
     """A projector's light, split and fitted; black is measured at its own long exposure.
 
@@ -57,7 +57,7 @@ def measure_light(
 
 
 def measure_master_light(
-    images: ProjectorImages, sight: CameraSight, view: DomeView, mask: Mask, coarse: int
+    images: ProjectorImages, sight: CameraSight, view: ScreenView, mask: Mask, coarse: int
 ) -> tuple[ProjectorMeasurement, list[Step]]:
     """The same for a media server, whose pictures are drawn on squares of `coarse` px of its master.
 
@@ -125,10 +125,10 @@ def _separated(
 
 
 def _measured(
-    images: ProjectorImages, sight: CameraSight, view: DomeView, coarse: int
+    images: ProjectorImages, sight: CameraSight, view: ScreenView, coarse: int
 ) -> tuple[ProjectorMeasurement, list[Step]]:
     """The light of white, split and fitted; of a server (`coarse` > 0) that of pictures of levels too."""
-    solid_sr, levels = view.solid_angle_sr, list[Step]()
+    solid_sr, levels = view.weight, list[Step]()
     checks = StabilityChecks(sight.white, view.on_screen & ~sight.unpatterned, images.step)
     separated = _separated(images, solid_sr, sight, None if coarse else checks)
     light, flux = separated.light, separated.flux
@@ -185,7 +185,7 @@ def _check_linear(images: ProjectorImages, found: Linearity, limit: float) -> No
 
 def _scatter_samples(
     images: ProjectorImages,
-    view: DomeView,
+    view: ScreenView,
     light: SeparatedLight,
     sight: CameraSight,
     clear_px: int,
@@ -195,7 +195,7 @@ def _scatter_samples(
     Also the sum of the parts, if there are any, which should be white.
     """
     total = np.zeros_like(sight.white)
-    cells = ScatterCells(view.direction, view.solid_angle_sr)
+    cells = ScatterCells(view.direction, view.weight)
     found = [cells.scatter_sample(light.scattered, view.on_screen, light.direct)]
     for zone in images.zones:
         shown = sample(zone.drive()[..., 0], sight.xy)

@@ -9,7 +9,7 @@ import numpy as np
 from procam.arrays import Array
 from procam.errors import InputError
 from procam.estimate.geometry.model import project_to_camera
-from procam.estimate.geometry.screen_points import round_shape, screen_points
+from procam.estimate.geometry.screen_points import screen_points
 from procam.maths.geometry.sphere import master_pixels
 from procam.maths.light.scatter_kernel import basis, moments
 from procam.maths.warp import sample
@@ -126,7 +126,7 @@ def _panel_place(surface: ProjectorSurface, direction: Array) -> Array:
 
 def _is_seen(calibration: Calibration, direction: Array) -> bool:
     """Whether the direction is inside the picture of a camera."""
-    points = screen_points(round_shape(calibration.screen), direction[None])
+    points = screen_points(calibration.screen.shape, direction[None])
     return any(
         ((xy > -0.5) & (xy < np.array(camera.size) - 0.5)).all()
         for camera in calibration.cameras.values()

@@ -21,6 +21,7 @@ GAMMA = 2.2  # of the domain of the interpolation, where displays are nearly lin
 TABLE = 257  # entries of the curve
 MIN_SAMPLES, MIN_TILES = 50, 2  # camera pixels, and tiles, per level
 MIN_LEVEL = 0.3  # of white, for colour
+MIN_DIRECT = 0.05  # of the brightest, for the response: a floor beside a lit wall has less
 # a fall of the curve that is no noise: in standard errors of its pixels, and of white, for the scattered
 # light taken out of a picture is known to its share
 FALL_SIGMAS, MIN_FALL = 5.0, 1e-3
@@ -65,6 +66,9 @@ class ProjectorResponseFit:
 
     def __init__(self, direct: Image, mix: Array) -> None:
         self._direct = direct
+        least = np.nan_to_num(direct.min(axis=-1))
+        brightest = float(np.percentile(least[least > 0], 99)) if (least > 0).any() else 0.0
+        self._bright = (least > 0) & (least > MIN_DIRECT * brightest)
         self._unmix = np.linalg.inv(mix)
         self._tiles = list[Array]()  # rows per tile: level, count, sums of its light per primary
 
@@ -72,7 +76,7 @@ class ProjectorResponseFit:
         """Add the direct light (H, W, 3) of a level picture with levels (H, W) of `tile_levels`."""
         with np.errstate(divide="ignore", invalid="ignore"):
             relative = light / self._direct
-        use = (level >= 0) & np.isfinite(relative).all(axis=-1) & (self._direct.min(axis=-1) > 0)
+        use = (level >= 0) & np.isfinite(relative).all(axis=-1) & self._bright
         amounts = relative[use] @ self._unmix.T.astype(np.float32)
         part, _ = connected_parts(level >= 0)  # unknown edges keep tiles apart
         tiles, tile = np.unique(part[use] * len(LEVELS) + level[use], return_inverse=True)

@@ -14,7 +14,7 @@ import numpy as np
 
 from procam.arrays import Array, BoolArray, FloatArray, Image, IndexArray
 from procam.errors import OutOfModelRange
-from procam.estimate.geometry.camera_view import DomeView
+from procam.estimate.geometry.camera_view import ScreenView
 from procam.estimate.light.feedback import estimate_scatter_per_flux
 from procam.estimate.light.separation import SeparatedLight
 from procam.maths.geometry.sphere import master_directions, master_pixels
@@ -140,7 +140,7 @@ class ScatterSolution:
 def solve_scatter(
     lights: Iterable[SeparatedLight],
     samples: Sequence[ScatterSample],
-    view: DomeView,
+    view: ScreenView,
     white: Array,
 ) -> ScatterSolution:
     """Estimate u, and fit the kernel with it.
@@ -151,7 +151,7 @@ def solve_scatter(
     white : (N, C) flux of full white on the whole dome, per cell [rel sr].
     """
     per_flux = estimate_scatter_per_flux(lights)
-    mean, _ = ScatterCells(view.direction, view.solid_angle_sr).mean(per_flux, view.on_screen)
+    mean, _ = ScatterCells(view.direction, view.weight).mean(per_flux, view.on_screen)
     return ScatterSolution(per_flux, fit_scatter(samples, mean, cell_basis().T @ white), mean)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.ndimage import label
 
 from procam.arrays import Array, BoolArray, Image
-from procam.estimate.geometry.camera_view import DomeView
+from procam.estimate.geometry.camera_view import ScreenView
 from procam.estimate.light.bands import find_bands
 from procam.maths.statistics import robust_sigma
 from procam.maths.warp import blur_within, grow
@@ -29,7 +29,7 @@ LEAST_SHARE = 5e-4  # of the screen
 GREEN = 1
 
 
-def spot_notes(per_flux: Image, view: DomeView) -> list[Note]:
+def spot_notes(per_flux: Image, view: ScreenView) -> list[Note]:
     """Notes on spots and bands in the scatter per flux (H, W, C) of the screen in `view`; normally none."""
     light = per_flux[..., GREEN]
     use = view.on_screen & (light > 0)
@@ -46,7 +46,7 @@ def spot_notes(per_flux: Image, view: DomeView) -> list[Note]:
         (inner & (departure < DARK), "darker", DARK_CAUSE),
         (inner & (departure > BRIGHT), "brighter", BRIGHT_CAUSE),
     ):
-        share = float(view.solid_angle_sr[found].sum() / view.solid_angle_sr.sum())
+        share = float(view.weight[found].sum() / view.weight.sum())
         if share > LEAST_SHARE:
             size = float(np.abs(np.expm1(departure[found])).max())
             text = (
@@ -57,7 +57,7 @@ def spot_notes(per_flux: Image, view: DomeView) -> list[Note]:
     return notes
 
 
-def hidden_notes(name: str, white: Image, unknown: BoolArray, view: DomeView) -> list[Note]:
+def hidden_notes(name: str, white: Image, unknown: BoolArray, view: ScreenView) -> list[Note]:
     """A note on a place within a projector's picture that shows hardly any of its light; normally none.
 
     Scattered light is not measured there, so `spot_notes` cannot see it.
@@ -70,7 +70,7 @@ def hidden_notes(name: str, white: Image, unknown: BoolArray, view: DomeView) ->
     number, count = label(grow(unknown, -EDGE_PX))
     for i in range(1, count + 1):
         found = number == i
-        share = float(view.solid_angle_sr[found].sum() / view.solid_angle_sr.sum())
+        share = float(view.weight[found].sum() / view.weight.sum())
         if share <= LEAST_SHARE:
             continue
         beside = grow(found, AROUND_PX + EDGE_PX) & ~grow(found, 2 * EDGE_PX) & view.on_screen
@@ -109,7 +109,7 @@ def _terms(direction: Image) -> Array:
     return np.stack([np.ones_like(x), x, y, z, x * x, x * y, x * z, y * y, y * z], axis=1)
 
 
-def _place(view: DomeView, found: BoolArray) -> str:
+def _place(view: ScreenView, found: BoolArray) -> str:
     """The middle of the largest spot in the camera's picture, in words."""
     number, _ = label(found)
     largest = 1 + int(np.argmax(np.bincount(number.ravel())[1:]))

@@ -8,7 +8,7 @@ picture as its lens does, apart from paint and from what the floor returns (docs
 import numpy as np
 
 from procam.arrays import Image
-from procam.estimate.geometry.camera_view import DomeView
+from procam.estimate.geometry.camera_view import ScreenView
 from procam.maths.geometry.lenses import unproject
 from procam.model.provenance import Note
 
@@ -16,7 +16,7 @@ from procam.model.provenance import Note
 USUAL = 0.04
 
 
-def unknown_vignetting(per_flux: Image, view: DomeView) -> float:
+def unknown_vignetting(per_flux: Image, view: ScreenView) -> float:
     """Relative rms over the screen of the vignetting that is not known; 0 if venue.toml has one, be it [0].
 
     Parameters
@@ -32,7 +32,7 @@ def unknown_vignetting(per_flux: Image, view: DomeView) -> float:
     return max(USUAL, abs(_fall(per_flux, view)[1]))
 
 
-def vignetting_notes(per_flux: Image, view: DomeView) -> list[Note]:
+def vignetting_notes(per_flux: Image, view: ScreenView) -> list[Note]:
     """A note that the lens has no vignetting in venue.toml, with the size of its effect."""
     rms = unknown_vignetting(per_flux, view)
     if not rms:
@@ -48,7 +48,7 @@ def vignetting_notes(per_flux: Image, view: DomeView) -> list[Note]:
     return [Note("vignetting unknown", f"camera {camera}", text, rms / USUAL)]
 
 
-def _fall(per_flux: Image, view: DomeView) -> tuple[float, float]:
+def _fall(per_flux: Image, view: ScreenView) -> tuple[float, float]:
     """Relative fall of scattered light to the edge, and its rms over the screen, by a line in theta^2."""
     light, camera = per_flux.mean(axis=-1), view.camera
     use = view.on_screen & (light > 0)
@@ -57,7 +57,7 @@ def _fall(per_flux: Image, view: DomeView) -> tuple[float, float]:
         return 0.0, 0.0
     rays = unproject(np.stack([columns, rows], axis=1).astype(float), camera.lens)
     theta2 = np.arccos(np.clip(rays[:, 2], -1, 1)) ** 2
-    solid, log_light = view.solid_angle_sr[use].astype(float), np.log(light[use].astype(float))
+    solid, log_light = view.weight[use].astype(float), np.log(light[use].astype(float))
     away = theta2 - np.average(theta2, weights=solid)
     square = np.average(away**2, weights=solid)
     slope = np.average(away * log_light, weights=solid) / max(square, 1e-12)

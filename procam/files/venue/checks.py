@@ -1,7 +1,8 @@
 """Checks of a venue.toml beyond single values: names, positions, files and lenses that contradict.
 
 Each function returns or yields one line for each mistake: the dotted path of the entry, what is wrong
-with it, and what to do. `find_mistakes` gathers them, so that one run shows all.
+with it, and what to do. `find_mistakes` gathers them, so that one run shows all. The module is longer than
+300 lines because every table has its checks here.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -9,12 +10,21 @@ from pathlib import Path
 
 import numpy as np
 
-from procam.files.venue.outlines import dome_mistakes, file_mistakes, is_within, pixel_mistakes
+from procam.files.venue.outlines import (
+    canvas_mistakes,
+    dome_mistakes,
+    file_mistakes,
+    is_within,
+    pixel_mistakes,
+)
+from procam.files.venue.screens import canvas_size_m, point_of, screen_of
 from procam.files.venue.server_checks import server_mistakes
 from procam.files.venue.tables import (
     CameraTable,
     DistanceTable,
+    DomeTable,
     FiducialTable,
+    PlaceTable,
     ProjectorTable,
     ScreenTable,
     TagTable,
@@ -22,24 +32,27 @@ from procam.files.venue.tables import (
 )
 from procam.maths.geometry.local_shift import LocalShift
 from procam.model.optics import TAG_COUNTS
+from procam.model.screen import RoomScreen
 
 FOCAL_WIDTHS = (0.05, 50.0)  # focal lengths of cameras, in widths of their pictures
 MAX_STRETCH = 2.0  # between a camera's two focal lengths
 MAX_OFFSET_WIDTHS = 3.0  # of a principal point outside the picture
 BELOW_RIM_DEG = 5.0  # of a mark: on the rim's frame at most
+DOME_KEYS, ROOM_KEYS = ("azimuth_deg", "elevation_deg", "sigma_deg"), ("canvas_m", "sigma_m")
 COEFFICIENTS = {"kannala-brandt": 4, "brown": 5}
 
 
 def find_mistakes(table: VenueTable, folder: Path) -> list[str]:
     """One line for each mistake in the tables of a venue in `folder`."""
     found = [*_name_mistakes(table), *_screen_mistakes(table.screen, folder)]
+    found += _others_mistakes(table.screen)
     for name, camera in table.cameras.items():
         found += _camera_mistakes(f"cameras.{name}", camera, folder)
     for name, projector in table.projectors.items():
         found += _projector_mistakes(f"projectors.{name}", projector, folder)
     for fiducial in table.fiducials:
         found += _fiducial_mistakes(fiducial, table)
-    found += [*_below_rim(table), *_tag_mistakes(table.apriltags)]
+    found += [*_place_mistakes(table), *_below_rim(table), *_tag_mistakes(table.apriltags)]
     found += _distance_mistakes(table)
     return [*found, *server_mistakes(table)]
 
@@ -67,29 +80,50 @@ def _name_mistakes(table: VenueTable) -> list[str]:
 def _namesake_mistakes(table: VenueTable) -> list[str]:
     """Entries of one name are one fiducial seen by several devices, and need one position."""
     found, seen = list[str](), set[tuple[str, str | None]]()
-    places = {tag.tag.name: (tag.azimuth_deg, tag.elevation_deg) for tag in table.apriltags}
+    places = {tag.name: _stated(tag) for tag in table.apriltags}
     for mark in table.fiducials:
-        where, place = f"fiducials.{mark.name}", (mark.azimuth_deg, mark.elevation_deg)
+        where, place = f"fiducials.{mark.name}", _stated(mark)
         first, device = places.setdefault(mark.name, place), mark.camera or mark.projector
         if device and (mark.name, device) in seen:
             found.append(f"{where} is listed twice for {device}; rename or remove one")
         elif place != first:
             found.append(
-                f"{where} has azimuth_deg, elevation_deg {_angles(place)} here and {_angles(first)} before; "
+                f"{where} has {_shown(place)} here and {_shown(first)} before; "
                 "correct it or rename one"
             )
         seen.add((mark.name, device))
     return found
 
 
-def _angles(place: tuple[float | None, float | None]) -> str:
-    return ", ".join("none" if angle is None else f"{angle:g}" for angle in place)
+def _stated(mark: PlaceTable) -> dict[str, object]:
+    """The keys of a mark's place that are given."""
+    keys = ("azimuth_deg", "elevation_deg", "canvas_m")
+    return {key: getattr(mark, key) for key in keys if getattr(mark, key) is not None}
+
+
+def _shown(place: Mapping[str, object]) -> str:
+    return ", ".join(f"{key} = {value}" for key, value in place.items()) or "no place"
 
 
 def _screen_mistakes(screen: ScreenTable, folder: Path) -> Iterator[str]:
     for key, outlines in (("masks", screen.masks), ("protected", screen.protected)):
-        yield from dome_mistakes(f"screen.{key}", outlines)
+        if isinstance(screen, DomeTable):
+            yield from dome_mistakes(f"screen.{key}", outlines)
+        else:
+            yield from canvas_mistakes(f"screen.{key}", outlines, canvas_size_m(screen))
         yield from file_mistakes(f"screen.{key}", outlines, folder)
+
+
+def _others_mistakes(screen: ScreenTable) -> Iterator[str]:
+    """Albedos of parts that a room does not have, or that are lit, whose albedo is measured."""
+    if isinstance(screen, DomeTable):
+        return
+    room = screen_of(screen)
+    assert isinstance(room, RoomScreen)
+    names = [name for name, *_ in room.others]
+    for name in screen.others:
+        if name not in names:
+            yield f"screen.others.{name} is no part that is not lit ({', '.join(names)}); remove it"
 
 
 def _camera_mistakes(where: str, camera: CameraTable, folder: Path) -> Iterator[str]:
@@ -190,11 +224,42 @@ def _fiducial_mistakes(fiducial: FiducialTable, table: VenueTable) -> Iterator[s
     projectors = {name: device.size for name, device in table.projectors.items()}
     yield from _device_mistakes(where, "camera", fiducial, cameras)
     yield from _device_mistakes(where, "projector", fiducial, projectors)
-    if fiducial.azimuth_deg is None and fiducial.elevation_deg is None:
-        yield _no_angle(where)
+
+
+def _place_mistakes(table: VenueTable) -> Iterator[str]:
+    """Marks without a place of the kind that the screen has."""
+    marks: list[tuple[str, PlaceTable]] = [(f"fiducials.{f.name}", f) for f in table.fiducials]
+    marks += [(f"apriltags.{i}", tag) for i, tag in enumerate(table.apriltags)]
+    kind, on_dome = table.screen.kind, isinstance(table.screen, DomeTable)
+    foreign, needed = (ROOM_KEYS, "sigma_deg") if on_dome else (DOME_KEYS, "sigma_m")
+    for where, mark in marks:
+        for key in foreign:
+            if getattr(mark, key) is not None:
+                own = "angles" if on_dome else "canvas_m and sigma_m"
+                yield f"{where}.{key} is not for a {kind}, where marks have {own}; remove it"
+        if on_dome and mark.azimuth_deg is None and mark.elevation_deg is None:
+            yield f"{where} has no angle; add azimuth_deg, elevation_deg or both"
+        if getattr(mark, needed) is None:
+            yield f"{where}.{needed} is missing; add it (`procam init` writes a complete example)"
+        if not on_dome:
+            yield from _canvas_mistakes(where, mark, table.screen)
+
+
+def _canvas_mistakes(where: str, mark: PlaceTable, table: ScreenTable) -> Iterator[str]:
+    screen = screen_of(table)
+    assert isinstance(screen, RoomScreen)
+    if mark.canvas_m is None:
+        yield f"{where}.canvas_m is missing; add its metres from the canvas's upper left corner"
+    elif point_of(screen, mark.canvas_m) is None:
+        yield (
+            f"{where}.canvas_m is {list(mark.canvas_m)}, where nothing is lit; `procam venue canvas` draws "
+            "what lies where"
+        )
 
 
 def _below_rim(table: VenueTable) -> Iterator[str]:
+    if not isinstance(table.screen, DomeTable):
+        return
     rim = 90 - table.screen.half_angle_deg
     marks = [(f"fiducials.{f.name}", f.elevation_deg) for f in table.fiducials]
     marks += [(f"apriltags.{i}", tag.elevation_deg) for i, tag in enumerate(table.apriltags)]
@@ -220,28 +285,22 @@ def _device_mistakes(
         )
 
 
-def _no_angle(where: str) -> str:
-    return f"{where} has no angle; add azimuth_deg, elevation_deg or both"
-
-
 def _tag_mistakes(tables: Sequence[TagTable]) -> list[str]:
     found, before = list[str](), set[str]()
     for i, entry in enumerate(tables):
         where = f"apriltags.{i}"
-        if entry.azimuth_deg is None and entry.elevation_deg is None:
-            found.append(_no_angle(where))
         if entry.id >= (count := TAG_COUNTS[entry.family]):
             found.append(
                 f"{where}.id is {entry.id}; family {entry.family!r} has 0..{count - 1}. Correct id or family"
             )
-        if entry.tag.name in before:
-            found.append(f"{where}: {entry.tag.name} is listed twice; remove one")
-        before.add(entry.tag.name)
+        if entry.name in before:
+            found.append(f"{where}: {entry.name} is listed twice; remove one")
+        before.add(entry.name)
     return found
 
 
 def _distance_mistakes(table: VenueTable) -> list[str]:
-    marks = [*(f.name for f in table.fiducials), *(t.tag.name for t in table.apriltags)]
+    marks = [*(f.name for f in table.fiducials), *(t.name for t in table.apriltags)]
     names = list(dict.fromkeys([*table.cameras, *table.projectors, *marks]))
     return [
         line

@@ -16,12 +16,11 @@ from procam.files.atomic import write_text
 from procam.files.toml import read_toml
 from procam.files.venue.checks import find_mistakes
 from procam.files.venue.messages import explain
+from procam.files.venue.screens import angles_of, screen_of
 from procam.files.venue.tables import BY_HAND, CameraTable, VenueTable
 from procam.maths.geometry.lenses import Lens
 from procam.model.optics import AprilTag, CameraModel, Distance, Fiducial, Sensor
-from procam.model.screen import Dome
-
-USUAL_RADIUS_M = 5.0  # initial value where none was measured
+from procam.model.screen import Screen
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,16 +32,9 @@ class Venue:
     backends: Mapping[str, Mapping[str, Any]]
 
     @property
-    def screen(self) -> Dome:
-        """The screen, with `USUAL_RADIUS_M` where the radius is not known."""
-        t = self.table.screen
-        return Dome(
-            t.radius_m or USUAL_RADIUS_M,
-            float(np.radians(t.half_angle_deg)),
-            float(np.radians(t.tilt_deg)),
-            t.floor_albedo,
-            t.floor_albedo_sigma,
-        )
+    def screen(self) -> Screen:
+        """The screen as the table describes it."""
+        return screen_of(self.table.screen)
 
     @property
     def cameras(self) -> dict[str, CameraModel]:
@@ -59,7 +51,7 @@ class Venue:
 
     @property
     def fiducials(self) -> list[Fiducial]:
-        """The fiducials on the dome.
+        """The fiducials on the screen.
 
         Cameras that see the same fiducial share the error of its survey, so each gets that sigma times
         the root of their number.
@@ -67,7 +59,7 @@ class Venue:
         seen = Counter(t.name for t in self.table.fiducials)
         marks = []
         for t in self.table.fiducials:
-            azimuth, elevation, survey = t.place
+            azimuth, elevation, survey = angles_of(t, self.screen)
             focal = np.mean(self.table.cameras[t.camera].f) if t.camera else np.inf
             sigma = float(np.hypot(survey * np.sqrt(seen[t.name]), t.sigma_px / focal))
             device, pixel = t.camera or t.projector or "", np.array(t.pixel)
@@ -76,8 +68,8 @@ class Venue:
 
     @property
     def tags(self) -> list[AprilTag]:
-        """AprilTags on the dome."""
-        return [t.tag for t in self.table.apriltags]
+        """AprilTags on the screen."""
+        return [AprilTag(t.family, t.id, *angles_of(t, self.screen)) for t in self.table.apriltags]
 
     @property
     def distances(self) -> list[Distance]:

@@ -16,14 +16,10 @@ from procam.errors import FileFormatError
 from procam.files.images.pixels import read_image
 from procam.files.venue.load import Venue
 from procam.files.venue.outlines import Outline, polygon_pixels
-from procam.maths.geometry.sphere import (
-    direction_from_angles,
-    master_directions,
-    master_pixels,
-    master_solid_angles,
-)
+from procam.maths.geometry.sphere import direction_from_angles, master_pixels
 from procam.model.calibration import Calibration
 from procam.model.mask import Mask, Nudge
+from procam.model.screen import RoomScreen
 
 
 def camera_masks(venue: Venue) -> dict[str, Mask]:
@@ -43,13 +39,13 @@ def projector_masks(venue: Venue) -> dict[str, Mask]:
 
 
 def screen_mask(venue: Venue, size: int) -> Mask:
-    """Parts of the dome that are not screen, as a dome master (N, N) of `size` pixels."""
-    return _of_dome(venue, venue.table.screen.masks, size)
+    """Parts that are not screen, on its canvas of that `size`."""
+    return _of_screen(venue, venue.table.screen.masks, size)
 
 
 def protected_mask(venue: Venue, size: int) -> Mask:
-    """Parts of the dome that are never compensated, as a dome master (N, N) of `size` pixels."""
-    return _of_dome(venue, venue.table.screen.protected, size)
+    """Parts of the screen that are never compensated, on its canvas of that `size`."""
+    return _of_screen(venue, venue.table.screen.protected, size)
 
 
 def nudges(venue: Venue) -> list[Nudge]:
@@ -64,13 +60,16 @@ def nudges(venue: Venue) -> list[Nudge]:
 def manual_edits(venue: Venue) -> dict[str, Any]:
     """The masks, protected parts and nudges of venue.toml, as JSON for a calibration; {} for none.
 
-    "masks" and "protected" list {"of": "camera NAME", "projector NAME" or "dome", "corners" of a
-    polygon or "file", "share" of the picture's or panel's pixels or of the dome's solid angle, 0..1},
+    "masks" and "protected" list {"of": "camera NAME", "projector NAME" or the kind of screen, "corners" of a
+    polygon or "file", "share" of the picture's or panel's pixels or of the screen, 0..1},
     "nudges" {"projector", "pixel", "shift_px"} [px].
     """
     table, folder = venue.table, venue.directory
     screen, protected = (
-        [_entry("dome", outline, _share_of_dome(venue, outline)) for outline in outlines]
+        [
+            _entry(venue.screen.kind, outline, _share_of_screen(venue, outline))
+            for outline in outlines
+        ]
         for outlines in (table.screen.masks, table.screen.protected)
     )
     masks = [
@@ -87,24 +86,29 @@ def manual_edits(venue: Venue) -> dict[str, Any]:
     return {name: entries for name, entries in parts.items() if entries}
 
 
-def _of_dome(venue: Venue, outlines: Sequence[Outline], size: int) -> Mask:
+def _of_screen(venue: Venue, outlines: Sequence[Outline], size: int) -> Mask:
+    screen = venue.screen
+    rows, columns = screen.canvas.shape(size)
+
     def to_pixels(outline: Outline) -> str | Array:
         if isinstance(outline, str):
             return outline
+        if isinstance(screen, RoomScreen):
+            return np.asarray(outline) / screen.room.size_m * [columns, rows] - 0.5
         azimuth, elevation = np.radians(outline).T
         # edges are straight in the dome master, so a polygon may enclose the pole
         return np.asarray(master_pixels(direction_from_angles(azimuth, elevation), size))
 
-    return Mask("screen", _covered(venue.directory, [to_pixels(o) for o in outlines], (size, size)))
+    covered = _covered(venue.directory, [to_pixels(o) for o in outlines], (columns, rows))
+    return Mask("screen", covered)
 
 
-def _share_of_dome(venue: Venue, outline: Outline) -> float:
-    screen = venue.table.screen
-    size, half_angle = screen.map_size, np.radians(screen.half_angle_deg)
-    on_dome = master_directions(size)[0][..., 2] >= np.cos(half_angle)
-    solid = master_solid_angles(size) * on_dome
-    marked = _of_dome(venue, [outline], size).covered
-    return float(solid[marked].sum() / solid.sum())
+def _share_of_screen(venue: Venue, outline: Outline) -> float:
+    screen, size = venue.screen, venue.table.screen.map_size
+    direction, inside = screen.canvas.directions(size)
+    weight = screen.canvas.weights(size) * (inside & screen.contains(direction))
+    marked = _of_screen(venue, [outline], size).covered
+    return float(weight[marked].sum() / weight.sum())
 
 
 def _entry(of: str, outline: Outline, share: float) -> dict[str, Any]:

@@ -7,9 +7,22 @@ from typing import Any, get_args, get_origin
 from pydantic import BaseModel
 
 from procam.files.names import NAME_PATTERN
-from procam.files.venue.tables import BY_HAND, CLOCK_PATTERN, RESPONSE_PATTERN, VenueTable
+from procam.files.venue.tables import (
+    BY_HAND,
+    CLOCK_PATTERN,
+    RESPONSE_PATTERN,
+    BoxTable,
+    CylinderTable,
+    DomeTable,
+    VenueTable,
+)
 
 OUTLINES = ("masks", "protected")  # lists whose entries are polygons or files
+SCREENS: dict[str | int, type[BaseModel]] = {
+    "dome": DomeTable,
+    "box": BoxTable,
+    "cylinder": CylinderTable,
+}
 NUMBER, WHOLE = "a number", "a whole number"
 LIST, TABLE = "a list in brackets", "a table of name = value"
 # what an entry must be, by pydantic's name of the mistake; filled from its context
@@ -32,6 +45,7 @@ NEEDED = {
     "model_type": TABLE,
     "too_short": "at least {min_length} of them",
     "too_long": "at most {max_length} of them",
+    "union_tag_invalid": "one of {expected_tags}",
 }
 PATTERNS = {
     CLOCK_PATTERN: "a local time such as 03:00, in quotes",
@@ -42,13 +56,26 @@ PATTERNS = {
 
 def explain(error: Mapping[str, Any], backends: Sequence[str]) -> str:
     """One line on an entry of `ValidationError.errors()`; `backends` may have tables of their own."""
-    where, value = _place(error["loc"]), error["input"]
+    kind, loc = _kind_of_screen(error["loc"])
+    error = {**error, "loc": loc}
+    where, value = _place(loc), error["input"]
+    if error["type"] == "union_tag_not_found":
+        where, error = f"{where}.kind", {**error, "type": "missing"}
+    if error["type"] == "union_tag_invalid":
+        where, value = f"{where}.kind", error["ctx"]["tag"]
     if error["type"] == "missing":
         return f"{where} is missing; add it (`procam init` writes a complete example)"
     if error["type"] == "extra_forbidden":
-        return f"{where} is not a known key; {_known_keys(error['loc'], backends)}"
+        return f"{where} is not a known key; {_known_keys(loc, backends, kind)}"
     shown = "a table" if isinstance(value, dict) else repr(value)
     return f"{where} is {shown}; it must be {_needed(error)}"
+
+
+def _kind_of_screen(where: Sequence[str | int]) -> tuple[str, Sequence[str | int]]:
+    """The kind of screen that pydantic puts into paths, and the path without it."""
+    if where[0] == "screen" and len(where) > 1 and where[1] in SCREENS:
+        return str(where[1]), (where[0], *where[2:])
+    return "", where
 
 
 def _needed(error: Mapping[str, Any]) -> str:
@@ -80,9 +107,11 @@ def _is_outline(where: Sequence[str | int], i: int) -> bool:
     return i > 1 and isinstance(where[i - 1], int) and where[i - 2] in OUTLINES
 
 
-def _known_keys(where: Sequence[str | int], backends: Sequence[str]) -> str:
-    """The keys of the table with an unknown one, and the nearest."""
-    known = list(_table_at(where[:-1]).model_fields)
+def _known_keys(where: Sequence[str | int], backends: Sequence[str], kind: str) -> str:
+    """The keys of the table with an unknown one, and the nearest; `kind` is that of the screen."""
+    table = SCREENS[kind] if kind and len(where) == 2 else _table_at(where[:-1])
+    first = [key for key in table.__annotations__ if key in table.model_fields]
+    known = list(dict.fromkeys([*first, *table.model_fields]))
     at_top = len(where) == 1
     own = f", and the table of a backend that a device names ({', '.join(backends) or BY_HAND} now)"
     near = get_close_matches(str(where[-1]), [*known, *backends] if at_top else known, 1)

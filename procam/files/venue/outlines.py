@@ -66,6 +66,16 @@ def dome_mistakes(where: str, outlines: Sequence[Outline]) -> list[str]:
     return _mistakes(where, outlines, lambda c: abs(c[0]) <= 360 and 0 <= c[1] <= 90, limits)
 
 
+def canvas_mistakes(
+    where: str, outlines: Sequence[Outline], size_m: tuple[float, float]
+) -> list[str]:
+    """One line for each mistake in polygons in metres on a canvas of that width and height."""
+    width, height = size_m
+    limits = f"the canvas of {width:g} x {height:g} m; clip the polygon to it"
+    within = lambda c: 0 <= c[0] <= width and 0 <= c[1] <= height  # noqa: E731
+    return _mistakes(where, outlines, within, limits)
+
+
 def _mistakes(
     where: str, outlines: Sequence[Outline], is_inside: Callable[[Corner], bool], limits: str
 ) -> list[str]:

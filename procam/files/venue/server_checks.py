@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from procam.files.venue.tables import ProjectorTable, VenueTable
+from procam.files.venue.tables import DomeTable, ProjectorTable, VenueTable
 
 MIN_PX, MAX_PX = 512, 16384  # of a master, for tags that a camera reads
 DOME_MASTER = "dome-master"
@@ -36,7 +36,12 @@ def _master_mistakes(where: str, projector: ProjectorTable, table: VenueTable) -
             f"{where}.kind is {DOME_MASTER!r}, which must be the only projector; remove the "
             f"{len(table.projectors) - 1} others, which the server drives"
         )
-    if table.screen.radius_m is None:
+    if not isinstance(table.screen, DomeTable):
+        yield (
+            f"{where}.kind is {DOME_MASTER!r}, and the screen is a {table.screen.kind}; name the projectors "
+            "themselves"
+        )
+    elif table.screen.radius_m is None:
         yield (
             "screen.radius_m is missing: with a projector of kind "
             f"{DOME_MASTER!r} the dome's radius in metres is needed to place the camera; add it"

@@ -8,13 +8,16 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, 
 from procam.files.names import NAME_PATTERN
 from procam.files.venue.commands import command_words
 from procam.files.venue.outlines import Outline
-from procam.model.optics import USUAL_FAMILY, AprilTag, TagFamily
+from procam.model.optics import USUAL_FAMILY, TagFamily, tag_name
 
 Positive = Annotated[FiniteFloat, Field(gt=0)]
 Exposure = Annotated[FiniteFloat, Field(ge=1e-6, le=1e5)]  # s, of any camera
 Share = Annotated[FiniteFloat, Field(ge=0, le=1)]
 PositiveShare = Annotated[FiniteFloat, Field(gt=0, le=1)]
 Pair = tuple[FiniteFloat, FiniteFloat]
+Length = Annotated[FiniteFloat, Field(ge=0.1, le=500)]  # m, of a room
+BoxPart = Literal["left", "front", "right", "back", "floor", "ceiling"]
+RoomPart = Literal["left", "front", "right", "back", "floor", "ceiling", "wall"]
 Name = Annotated[str, StringConstraints(pattern=NAME_PATTERN)]
 # of photographs that are ingested: linear, sRGB, measured by a table or from brackets
 RESPONSE_PATTERN = r"^(linear|srgb|solve|.+\.csv)$"
@@ -36,8 +39,16 @@ class _Table(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=False)
 
 
-class ScreenTable(_Table):
-    """[screen]; `map_size` is the edge of the calibration's dome maps [px]."""
+class _AnyScreen(_Table):
+    """What every [screen] has; `map_size` is the width of the calibration's maps [px]."""
+
+    masks: list[Outline] = []
+    protected: list[Outline] = []
+    map_size: Annotated[int, Field(ge=64, le=4096, multiple_of=64)] = 1024
+
+
+class DomeTable(_AnyScreen):
+    """[screen] of kind "dome"."""
 
     kind: Literal["dome"]
     radius_m: Annotated[FiniteFloat, Field(ge=0.1, le=1000)] | None = None
@@ -45,9 +56,39 @@ class ScreenTable(_Table):
     tilt_deg: Annotated[FiniteFloat, Field(ge=-90, le=90)] = 0.0
     floor_albedo: Share = 0.1
     floor_albedo_sigma: Share = 0.05
-    masks: list[Outline] = []
-    protected: list[Outline] = []
-    map_size: Annotated[int, Field(ge=64, le=4096, multiple_of=64)] = 1024
+
+
+class _RoomTable(_AnyScreen):
+    """[screen] of a room by its dimensions.
+
+    `other_albedo` is that of the parts that are not lit; `others` has single parts: albedo, sigma.
+    """
+
+    other_albedo: Share = 0.2
+    other_albedo_sigma: Share = 0.1
+    others: dict[RoomPart, tuple[Share, Share]] = {}
+
+
+class BoxTable(_RoomTable):
+    """[screen] of kind "box"; `lit` are the parts that projectors light."""
+
+    kind: Literal["box"]
+    width_m: Length
+    depth_m: Length
+    height_m: Length
+    lit: Annotated[list[BoxPart], Field(min_length=1)] = ["left", "front", "right"]
+
+
+class CylinderTable(_RoomTable):
+    """[screen] of kind "cylinder": an upright wall over an arc about the front."""
+
+    kind: Literal["cylinder"]
+    radius_m: Length
+    arc_deg: Annotated[FiniteFloat, Field(ge=10, le=360)]
+    height_m: Length
+
+
+ScreenTable = Annotated[DomeTable | BoxTable | CylinderTable, Field(discriminator="kind")]
 
 
 class CameraTable(_Table):
@@ -101,24 +142,21 @@ class ProjectorTable(_Table):
     nudges: list[NudgeTable] = []
 
 
-class _PlaceTable(_Table):
-    """A position on the dome. One angle is enough: the springline has an elevation, the front an azimuth."""
+class PlaceTable(_Table):
+    """A position on the screen with its standard error.
+
+    On a dome by angles, of which one is enough: the springline has an elevation, the front an azimuth. In a
+    room by metres on the canvas, to the right and down from its upper left corner.
+    """
 
     azimuth_deg: FiniteFloat | None = None
     elevation_deg: Annotated[FiniteFloat, Field(ge=-90, le=90)] | None = None
-    sigma_deg: Positive
-
-    @property
-    def place(self) -> tuple[float | None, float | None, float]:
-        """Azimuth, elevation and sigma [rad]."""
-        azimuth, elevation = (
-            None if angle is None else float(np.radians(angle))
-            for angle in (self.azimuth_deg, self.elevation_deg)
-        )
-        return azimuth, elevation, float(np.radians(self.sigma_deg))
+    sigma_deg: Positive | None = None
+    canvas_m: Pair | None = None
+    sigma_m: Positive | None = None
 
 
-class FiducialTable(_PlaceTable):
+class FiducialTable(PlaceTable):
     """[[fiducials]]: a mark that a camera sees, or a projector shows, at a pixel.
 
     `sigma_px`: standard error of the pixel as somebody clicked it [px].
@@ -131,16 +169,16 @@ class FiducialTable(_PlaceTable):
     sigma_px: Positive = 0.3
 
 
-class TagTable(_PlaceTable):
+class TagTable(PlaceTable):
     """[[apriltags]]: the centre of a printed tag, which is detected in photographs."""
 
     family: TagFamily = USUAL_FAMILY
     id: Annotated[int, Field(ge=0)]
 
     @property
-    def tag(self) -> AprilTag:
-        """The tag for the solver."""
-        return AprilTag(self.family, self.id, *self.place)
+    def name(self) -> str:
+        """Its name in messages."""
+        return tag_name(self.family, self.id)
 
 
 class DistanceTable(_Table):

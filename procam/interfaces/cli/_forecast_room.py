@@ -11,7 +11,7 @@ from procam.interfaces.cli._forecast_text import USUAL, Described, Found, check_
 from procam.interfaces.plots.forecast import RELATIVE
 from procam.maths.mesh.rooms import CYLINDER
 from procam.workflows.forecast import sampled
-from procam.workflows.forecast_room import SAMPLES, PlannedRoom, RoomProspect, planned_room
+from procam.workflows.forecast_room import SAMPLES, PlannedRoom, RoomProspect, room_prospect
 
 Size = tuple[float, float, float]
 LIT = ("front", "left", "right")  # of a box, if none is named
@@ -37,7 +37,7 @@ def room_found(
     """
     check_lumens(lumens)
     plan = _planned(shapes, described, lit, OTHERS if others is None else others)
-    prospect = planned_room(plan, SAMPLES)
+    prospect = room_prospect(plan, SAMPLES)
     read = {str(path): read_picture(path) for path in paths}
     contents = {path: _on_canvas(path, content, prospect) for path, (content, _) in read.items()}
     white = [_white(albedo, lumens, prospect.lit_m2) for albedo in plan.albedos]

@@ -177,7 +177,7 @@ def assumptions_of(
             "overlap, black is brighter than printed here"
         )
     if lumens is not None:
-        radius = prospect.ends[1].screen.radius_m
+        radius = prospect.ends[1].dome.radius_m
         yield (
             f"{lumens:g} lm, all on the {prospect.lit_sr * radius**2:.4g} m2 that are lit, radius "
             f"{radius:g} m; blending, masks and light that misses the dome reduce this"

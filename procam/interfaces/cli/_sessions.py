@@ -4,19 +4,26 @@ from pathlib import Path
 from shlex import quote
 
 from procam.files.calibration import load_calibration, save_calibration
+from procam.files.venue.load import load_venue
 from procam.files.versions import calibration_in_use, next_directory, use_calibration
 from procam.interfaces.cli._output import Output
 from procam.interfaces.report import write_report
 from procam.memory import return_buffers
+from procam.model.screen import Dome
 from procam.workflows.refine.refine import Refined
 from procam.workflows.refine.stored_pictures import keep_pictures
 from procam.workflows.sample_content import half_sky
 from procam.workflows.solve.plausible import check_calibration
 
 
-def keep_report(venue: Path) -> Path:
-    """Write the pictures of the calibration in use, and the report that shows them; returns its path."""
+def keep_report(venue: Path) -> Path | None:
+    """Write the pictures of the calibration in use, and the report that shows them; returns its path.
+
+    None for a room, of which there is no report yet.
+    """
     return_buffers()  # of the solve, which took more
+    if not isinstance(load_venue(venue).screen, Dome):
+        return None
     _keep_pictures(venue)
     return_buffers()  # the report reads the calibration again, when this one is gone
     return write_report(venue)

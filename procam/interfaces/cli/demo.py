@@ -242,7 +242,7 @@ def _screen(material: Material) -> str:
         return ""
     if sphere["value"]:
         return "a sphere, as far as the cameras can measure."
-    degree = material.calibration.screen.degree
+    degree = material.calibration.screen.shape.degree
     solved = f"its shape was solved up to harmonics of degree {degree}"
     return f"not a sphere; {solved if degree else 'its shape could not be solved'}."
 

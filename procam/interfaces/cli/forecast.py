@@ -262,7 +262,7 @@ def _white(prospect: Prospect, dome: Calibration, lumens: float | None) -> float
     if lumens is None:
         return metered_nits(prospect) or 1.0
     paint = float(LUMINANCE @ dome.albedo.value)
-    return white_luminance(lumens, dome.screen.radius_m, prospect.lit_sr, paint)
+    return white_luminance(lumens, dome.dome.radius_m, prospect.lit_sr, paint)
 
 
 def _picture(prospect: Prospect, content: np.ndarray) -> tuple[list[PictureFigures], Seen]:

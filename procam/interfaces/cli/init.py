@@ -20,9 +20,9 @@ def init(
     template: Annotated[
         str,
         typer.Option(
-            help="Which example to start from: by-hand, through-server, simulated-faulty, "
-            "simulated-ideal, simulated-realistic, simulated-server, simulated-six-projectors, "
-            "simulated-small or simulated-standard."
+            help="Which example to start from: by-hand, through-server, simulated-box, "
+            "simulated-cylinder, simulated-faulty, simulated-ideal, simulated-realistic, "
+            "simulated-server, simulated-six-projectors, simulated-small or simulated-standard."
         ),
     ] = "",
     json: Json = False,

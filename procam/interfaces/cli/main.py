@@ -55,6 +55,7 @@ PANELS = {
         "session undo": "Set all photographs of a camera aside, to begin again.",
         "session solve": "Calibrate from stored captures alone, and report; no device is touched.",
         "venue status": "List what was done at a venue, its calibrations, and which of them is in use.",
+        "venue canvas": "Draw which part of a room lies where on the canvas that content is made for.",
         "venue show": "Print the figures of a calibration, and those of all over time to a plot or a table.",
         "venue use": "Use calibration N of a venue until a later one is made.",
         "venue compare": "Compare two calibrations of a rig; exit 1 if they differ by more than a rotation.",

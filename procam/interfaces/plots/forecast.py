@@ -58,7 +58,7 @@ def write_plot(
     left, right = parts[0].subplots(1, 2, width_ratios=(1, 1.5))
     _draw_white(left, levels, unit)
     if layout:
-        _draw_layout(right, layout)
+        draw_layout(right, layout)
     else:
         _draw_contrast(right, levels)
     for part, (name, seen) in zip(parts[1:], pictures, strict=True):
@@ -140,7 +140,7 @@ def _draw_contrast(axes: "Axes", levels: Sequence[Levels]) -> None:
     finish([axes])
 
 
-def _draw_layout(axes: "Axes", layout: Layout) -> None:
+def draw_layout(axes: "Axes", layout: Layout) -> None:
     """Where the walls of a room lie on its canvas."""
     longest = max(max(left + width, top + height) for left, top, width, height in layout.values())
     for name, (left, top, width, height) in layout.items():

@@ -17,6 +17,7 @@ from procam.interfaces.report.words import percent
 from procam.maths.geometry.sphere import cap_solid_angle
 from procam.model.calibration import Calibration
 from procam.model.photometry import PRIMARIES
+from procam.model.screen import Dome
 
 WHITE_SHARES = (0.1, 0.25, 0.5, 0.75)
 ORIGINS = {"input_sha256": "Fingerprint of the captures (SHA-256)", "versions": "Software"}
@@ -36,6 +37,10 @@ REMOVED = (
     "procam computes pictures whose direct light is less by the light that will be scattered, so that both "
     "together are what the content asks for."
 )
+SIZES = {
+    "box": "width, depth and height in m",
+    "cylinder": "radius in m, arc in degrees, height in m",
+}
 
 
 def method(material: Material) -> str:
@@ -82,8 +87,12 @@ def _checked(material: Material) -> str:
 
 
 def _screen(calibration: Calibration) -> str:
-    half_angle = f"{np.degrees(calibration.screen.half_angle):.0f}"
-    return f"dome, radius {calibration.screen.radius_m:g} m, pole to rim {half_angle} degrees"
+    screen = calibration.screen
+    if isinstance(screen, Dome):
+        half_angle = f"{np.degrees(screen.half_angle):.0f}"
+        return f"dome, radius {screen.radius_m:g} m, pole to rim {half_angle} degrees"
+    lengths = " x ".join(f"{length:g}" for length in screen.size)
+    return f"{screen.kind} of {lengths} ({SIZES[screen.kind]}), lit: {', '.join(screen.lit)}"
 
 
 def _device(table: CameraTable | ProjectorTable) -> str:
@@ -129,7 +138,7 @@ def _origin_text(value: Any) -> str:
 
 def contrast(calibration: Calibration | None) -> dict[str, Any] | None:
     """The values of the formula in the section on limits, for this dome."""
-    if calibration is None:
+    if calibration is None or not isinstance(calibration.screen, Dome):
         return None
     albedo = float(calibration.albedo.value.mean())
     share = cap_solid_angle(calibration.screen.half_angle) / (4 * np.pi)

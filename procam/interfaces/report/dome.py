@@ -120,7 +120,7 @@ def _geometry(calibration: Calibration) -> Iterator[Block]:
     if sphere is not None:
         verdict = "The dome is a sphere, as far as the cameras can measure"
         if not sphere.passed:
-            solved = calibration.screen.degree
+            solved = calibration.screen.shape.degree
             verdict = (
                 f"The dome is NOT a sphere; its shape was solved up to harmonics of degree {solved}"
                 if solved

@@ -43,7 +43,7 @@ def _missing(material: Material, used: Path) -> str:
     """That there is no check, and how to make one."""
     assert material.calibration is not None
     folder = quote(str(material.directory))
-    far = number(ELSEWHERE * material.calibration.screen.radius_m, 2)
+    far = number(ELSEWHERE * material.calibration.screen.shape.radius_m, 2)
     return (
         f"Calibration {used.name} has not been checked from another seat. To check it, put the camera more "
         f"than {far} m away from where it stood, measure the pixels of its marks and masks in venue.toml "

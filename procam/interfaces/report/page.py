@@ -28,6 +28,7 @@ from procam.interfaces.report.words import (
     value_text,
     words_for,
 )
+from procam.model.screen import Dome
 
 Entries = Mapping[str, Mapping[str, Any]]
 
@@ -51,7 +52,13 @@ def write_report(venue_dir: Path, out: Path | None = None) -> Path:
         a file is there but damaged.
     """
     require_matplotlib()  # before anything is read
-    return write_page(read_material(venue_dir), out or venue_dir / "report.html")
+    material = read_material(venue_dir)
+    if material.calibration and not isinstance(material.calibration.screen, Dome):
+        raise InputError(
+            f"{venue_dir}: reports are for domes, and its screen is a {material.calibration.screen.kind}; "
+            "`procam venue show` prints the figures"
+        )
+    return write_page(material, out or venue_dir / "report.html")
 
 
 def write_page(material: Material, path: Path) -> Path:

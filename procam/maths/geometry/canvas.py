@@ -26,6 +26,10 @@ class Canvas:
     fov: float = np.pi
     rotation: float = 0.0
 
+    def shape(self, size: int) -> tuple[int, int]:
+        """Rows and columns of a picture of that edge."""
+        return size, size
+
     def directions(self, size: int) -> tuple[Array, BoolArray]:
         """Directions (N, N, 3) of the pixels, and which lie inside the circle."""
         direction, inside = master_directions(size, self.fov)
@@ -42,7 +46,7 @@ class Canvas:
         """Pixel coordinates (..., 2) as (column, row) of unit directions (..., 3)."""
         return master_pixels(turned(direction, -self.rotation), size, self.fov)
 
-    def solid_angles(self, size: int) -> Array:
+    def weights(self, size: int) -> Array:
         """Solid angles (N, N) [sr] of the pixels, 0 outside the circle."""
         return master_solid_angles(size, self.fov)
 

@@ -29,6 +29,7 @@ class MeshCanvas:
     face : (H, W) lit face of each pixel, -1 for none. node : (H, W, 3) corners of that face.
     share : (H, W, 3) barycentric weights of these corners. area : (H, W) of the pixel on the screen [m^2].
     recovery : (V, F) sparse: values at vertices from means over faces.
+    small : lit faces that no pixel's centre lies in, and the flat place of the pixel nearest to each.
     """
 
     face: IndexArray
@@ -36,6 +37,7 @@ class MeshCanvas:
     share: Array32
     area: Array32
     recovery: csr_array
+    small: tuple[IndexArray, IndexArray]
 
     @property
     def lit(self) -> BoolArray:
@@ -43,13 +45,16 @@ class MeshCanvas:
         return np.asarray(self.face >= 0)
 
     def mean(self, picture: Image) -> Array:
-        """Means (F, C) over the faces of a picture (H, W, C); 0 of faces without a pixel."""
+        """Means (F, C) over the faces of a picture (H, W, C); 0 of faces that are not lit."""
         on = self.lit
         index, weight = self.face[on], self.area[on].astype(float)
         count = self.recovery.shape[1]
         total = np.maximum(np.bincount(index, weight, count), 1e-30)
         sums = [np.bincount(index, weight * c, count) for c in np.moveaxis(picture[on], -1, 0)]
-        return np.stack([s / total for s in sums], axis=1)
+        means = np.stack([s / total for s in sums], axis=1)
+        faces, near = self.small
+        means[faces] = picture.reshape(-1, picture.shape[-1])[near]
+        return means
 
     def field(self, means: FloatArray) -> Image:
         """The picture (H, W, C) of a smooth field with these means (F, C) over faces; 0 off the screen."""
@@ -77,7 +82,7 @@ def mesh_canvas(
     Raises
     ------
     InputError
-        If no face has a place, or so few pixels that one of them has none.
+        If no face has a place.
     """
     corner = place[faces] * np.array(size) - 0.5
     lit = np.flatnonzero(np.isfinite(corner).all(axis=(1, 2)))
@@ -85,17 +90,17 @@ def mesh_canvas(
         raise InputError("canvas: no face has a place on it; name parts that projectors light")
     face = np.full(size[::-1], -1)
     _rasterise(face, corner, lit)
-    _check_covered(face, lit)
     on = face >= 0
     rows, columns = np.nonzero(on)
     share = np.zeros((*face.shape, 3), np.float32)
-    share[on] = _barycentric(corner[face[on]], np.stack([columns, rows], axis=1).astype(float))
+    share[on] = barycentric(corner[face[on]], np.stack([columns, rows], axis=1).astype(float))
     node = np.zeros((*face.shape, 3), np.intp)
     node[on] = faces[face[on]]
     area, on_canvas = face_areas(vertices, faces), np.abs(_twice_area(corner)) / 2
     pixel = np.zeros(face.shape, np.float32)
     pixel[on] = (area / on_canvas)[face[on]]
-    return MeshCanvas(face, node, share, pixel, _recovery(vertices, faces, part, lit))
+    recovery = _recovery(vertices, faces, part, lit)
+    return MeshCanvas(face, node, share, pixel, recovery, _small(face, corner, lit))
 
 
 def _rasterise(face: IndexArray, corner: Array, lit: IndexArray) -> None:
@@ -121,13 +126,13 @@ def _write(face: IndexArray, corner: Array, index: IndexArray, low: Array, high:
     inside = (x < high[:, None, None, 0]) & (y < high[:, None, None, 1])
     which = np.broadcast_to(np.arange(len(index))[:, None, None], x.shape)[inside]
     at = np.stack([x[inside], y[inside]], axis=1)
-    share = _barycentric(corner[index[which]], at.astype(float))
+    share = barycentric(corner[index[which]], at.astype(float))
     within = share.min(axis=1) >= -1e-6
     column, row = at[within].T
     face[row, column] = index[which[within]]
 
 
-def _barycentric(corner: Array, at: Array) -> Array:
+def barycentric(corner: Array, at: Array) -> Array:
     """Weights (N, 3) of corners (N, 3, 2) at points (N, 2)."""
     a, b, c = np.moveaxis(corner - at[:, None], 1, 0)
     parts = np.stack([_cross(b, c), _cross(c, a), _cross(a, b)], axis=1)
@@ -143,13 +148,12 @@ def _cross(a: Array, b: Array) -> Array:
     return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
 
 
-def _check_covered(face: IndexArray, lit: IndexArray) -> None:
-    missing = len(np.setdiff1d(lit, face))
-    if missing:
-        raise InputError(
-            f"canvas: {missing} of {len(lit)} faces are smaller than a pixel of {face.shape[1]} x "
-            f"{face.shape[0]}; take a larger picture"
-        )
+def _small(face: IndexArray, corner: Array, lit: IndexArray) -> tuple[IndexArray, IndexArray]:
+    """Lit faces that no pixel's centre lies in, and the flat place of the pixel nearest to each."""
+    faces = np.setdiff1d(lit, face)
+    rows, columns = face.shape
+    near = np.clip(np.rint(corner[faces].mean(axis=1)), 0, [columns - 1, rows - 1]).astype(np.intp)
+    return faces, near[:, 1] * columns + near[:, 0]
 
 
 def _recovery(vertices: Array, faces: Faces, part: IndexArray, lit: IndexArray) -> csr_array:

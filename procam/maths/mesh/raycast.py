@@ -97,6 +97,13 @@ class MeshTracer:
             hits.normals.reshape(*shape, 3),
         )
 
+    def points_on(self, face: IndexArray, u: Array, v: Array) -> Array:
+        """Points (N, 3) of faces at barycentric (1 - u - v, u, v), on the patches of a smooth mesh."""
+        if self._normals is not None:
+            return patch_points(self._patches[face], u, v)[0]
+        a, b, c = np.moveaxis(self._corners[face], 1, 0)
+        return np.asarray(a + u[:, None] * (b - a) + v[:, None] * (c - a))
+
     def is_clear(self, start: Array, end: Array) -> BoolArray:
         """Whether nothing lies between points (N, 3) of the mesh and other points (N, 3) of it."""
         line = end - start

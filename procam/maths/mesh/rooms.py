@@ -1,8 +1,9 @@
 """Screens made of dimensions: boxes and cylinders as meshes, with the places of their lit parts on a canvas.
 
-Frame: x to the front, y to the left, z up, the origin in the middle of the floor. A canvas is the picture
-that content is made for; lengths on it are those on the screen, so that the walls of a box lie in a strip,
-the floor below the front wall. A part that projectors do not light is not on the canvas, and reflects.
+Frame: x to the front, y to the left, z up, the origin in the middle of a box, or of the axis of a cylinder. A
+canvas is the picture that content is made for; lengths on it are those on the screen, so that the walls of a
+box lie in a strip, the floor below the front wall. A part that projectors do not light is not on the canvas,
+and reflects.
 """
 
 from collections.abc import Callable, Sequence
@@ -64,6 +65,23 @@ class Room:
         return boxes
 
 
+def planned_room(
+    kind: str, size: tuple[float, float, float], lit: Sequence[str], faces: int
+) -> Room:
+    """A room of about so many faces.
+
+    `kind` "box": width, depth and height [m]; "cylinder": radius [m], arc [degrees] and height [m].
+    """
+    if kind == "box":
+        width, depth, height = size
+        area_m2 = 2 * (width * depth + width * height + depth * height)
+        return box_room(size, lit, float(np.sqrt(2 * area_m2 / faces)))
+    radius_m, arc_deg, height_m = size
+    arc = float(np.radians(arc_deg))
+    area_m2 = arc * radius_m * (height_m + radius_m / 2)
+    return cylinder_room(radius_m, arc, height_m, lit, float(np.sqrt(2 * area_m2 / faces)))
+
+
 def box_room(size_m: tuple[float, float, float], lit: Sequence[str], edge_m: float) -> Room:
     """A closed box of some width, depth and height [m]; faces have edges of `edge_m` at most.
 
@@ -73,15 +91,15 @@ def box_room(size_m: tuple[float, float, float], lit: Sequence[str], edge_m: flo
         A length that is not above 0, or a part that a box does not have.
     """
     width, depth, height = _lengths("box", size_m)
-    x, y = depth / 2, width / 2
+    x, y, z = depth / 2, width / 2, height / 2
     right, down, front = -np.eye(3)[1], -np.eye(3)[2], np.eye(3)[0]
     parts = [
-        _flat("left", (-x, y, height), front, down, (depth, height)),
-        _flat("front", (x, y, height), right, down, (width, height)),
-        _flat("right", (x, -y, height), -front, down, (depth, height)),
-        _flat("back", (-x, -y, height), -right, down, (width, height)),
-        _flat("floor", (x, y, 0.0), right, -front, (width, depth)),
-        _flat("ceiling", (-x, y, height), right, front, (width, depth)),
+        _flat("left", (-x, y, z), front, down, (depth, height)),
+        _flat("front", (x, y, z), right, down, (width, height)),
+        _flat("right", (x, -y, z), -front, down, (depth, height)),
+        _flat("back", (-x, -y, z), -right, down, (width, height)),
+        _flat("floor", (x, y, -z), right, -front, (width, depth)),
+        _flat("ceiling", (-x, y, z), right, front, (width, depth)),
     ]
     return _room(parts, _box_layout(parts, _checked(lit, BOX)), edge_m)
 
@@ -99,12 +117,13 @@ def cylinder_room(
     def wall(along: Array, down: Array) -> Array:
         azimuth = arc / 2 - along / radius
         return np.stack(
-            [radius * np.cos(azimuth), radius * np.sin(azimuth), height - down], axis=-1
+            [radius * np.cos(azimuth), radius * np.sin(azimuth), height / 2 - down], axis=-1
         )
 
     def floor(along: Array, down: Array) -> Array:
         azimuth, out = arc / 2 - along / radius, radius - down
-        return np.stack([out * np.cos(azimuth), out * np.sin(azimuth), 0 * out], axis=-1)
+        flat = out * np.cos(azimuth), out * np.sin(azimuth)
+        return np.stack([*flat, np.full_like(out, -height / 2)], axis=-1)
 
     parts = [
         Part("wall", radius * arc, height, wall),

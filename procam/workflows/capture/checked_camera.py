@@ -14,7 +14,9 @@ ATTEMPTS = 3
 BREATH_S = 0.5  # [s] before a retake
 PROBE_STEP = 7  # checks read every 7th pixel: enough to distinguish pictures
 OTHER_PICTURE = 0.05  # mean difference of drives that a photograph must show
-SAME_LIGHT = 0.01  # of the brightest light: photographs of other pictures differ by more
+# of the brightest light, on average over the frame and over what is lit in it: photographs of other pictures
+# differ by more in the one or the other, however little of the frame a screen takes
+SAME_LIGHT, SAME_LIT, LIT = 0.01, 0.03, 0.1
 
 Pictures = Mapping[str, Image]
 
@@ -87,7 +89,10 @@ class CheckedCamera:
             return False
         now = probe(frame, self.sensor)
         level = max(float(np.percentile(now, 99)), float(np.percentile(before, 99)))
-        return float(np.abs(now - before).mean()) < SAME_LIGHT * level
+        away, lit = np.abs(now - before), np.maximum(now, before) > LIT * level
+        if float(away.mean()) >= SAME_LIGHT * level:
+            return False
+        return not lit.any() or float(away[lit].mean()) < SAME_LIT * level
 
 
 def probe(frame: Frame, sensor: Sensor) -> Array:

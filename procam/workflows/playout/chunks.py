@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from procam.arrays import AnyArray
-from procam.compensate.compensator import Compensator
+from procam.compensate.any_screen import AnyCompensator
 from procam.compensate.solved_frame import SolvedFrame
 from procam.errors import InputError
 
@@ -97,12 +97,12 @@ class Part:
 class ChunkedCompensator:
     """Solves frames in their order, each chunk from itself; `make` gives a new compensator."""
 
-    def __init__(self, make: Callable[[], Compensator], chunks: Chunks) -> None:
+    def __init__(self, make: Callable[[], AnyCompensator], chunks: Chunks) -> None:
         self._make, self._chunks = make, chunks
-        self._by_chunk = dict[int, Compensator]()
+        self._by_chunk = dict[int, AnyCompensator]()
 
     @cached_property
-    def first(self) -> Compensator:
+    def first(self) -> AnyCompensator:
         """The compensator of the first chunk."""
         return self._make()
 
@@ -113,7 +113,7 @@ class ChunkedCompensator:
             self._of(following).solve(image)
         return self._of(chunk).solve(image, out)
 
-    def _of(self, chunk: int) -> Compensator:
+    def _of(self, chunk: int) -> AnyCompensator:
         if chunk not in self._by_chunk:
             over = [each for each in self._by_chunk if each < chunk - (self._chunks.lead_in > 0)]
             if over:

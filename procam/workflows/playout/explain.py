@@ -103,4 +103,4 @@ def lit_solid_angles(calibration: Calibration, size: int) -> Array:
     """Solid angles (N, N) [sr] of pixels that projectors reach and that are not protected, else 0."""
     compensator = Compensator(calibration, size, BEFORE)
     lit = compensator.lit & ~compensator.protected
-    return np.asarray(calibration.canvas.solid_angles(size) * lit)
+    return np.asarray(calibration.canvas.weights(size) * lit)

@@ -1,14 +1,18 @@
-"""One frame of any kind through the compensator: encodings in and out, and the row of the report."""
+"""One frame of any kind through the compensator: encodings in and out, and the row of the report.
+
+The module is longer than 300 lines because what is refused of a frame and what is said of it have one place.
+"""
 
 from collections.abc import Callable
 from dataclasses import astuple, dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from procam.arrays import AnyArray, BoolArray, Map
+from procam.compensate.any_screen import AnyCompensator, compensator_of
 from procam.compensate.compensator import Compensator
 from procam.compensate.light_check import LightCheck
 from procam.compensate.perceptual.settings import PERCEPTUAL, Perceptual
@@ -20,10 +24,14 @@ from procam.kernels.native.arrays import least_colour
 from procam.maths.geometry.canvas import STANDARD
 from procam.maths.light.transfer import TRANSFER_NAMES, transfer
 from procam.model.calibration import Calibration
-from procam.model.transport import DomeMaps
+from procam.model.screen import Dome
+from procam.model.transport import ScreenMaps
 from procam.workflows.playout.chunks import EXACT, VIDEO, ChunkedCompensator, Chunks
 from procam.workflows.playout.encodings import decoded, output_encoding, recoded
 from procam.workflows.playout.sources import ClipFrame, CompensatedFrame, Row
+
+if TYPE_CHECKING:
+    from procam.compensate.room_frames import RoomCheck
 
 COLOURS = "rgb"
 ERRORS = ("error", "error_codes", "error_sigma")  # columns of `LightError` in the report
@@ -143,14 +151,18 @@ class ClipEngine:
         return check
 
     @cached_property
-    def _light_check(self) -> LightCheck:
+    def _light_check(self) -> "LightCheck | RoomCheck":
         first = self._chunks.first
+        if not isinstance(first, Compensator):
+            from procam.compensate.room_frames import RoomCheck  # noqa: PLC0415 - SciPy
+
+            return RoomCheck(self._calibration, first.size)
         gain = first.fields.shown.gain
         return LightCheck(self._calibration, first.size, self._settings.state, gain)
 
     def _require_alike(self, clip_frame: ClipFrame, dtype: np.dtype[Any], out: str) -> None:
         """Refuse a frame whose size or encoding is not the first one's."""
-        size = square_edge(clip_frame.rgb, clip_frame.name)
+        size = canvas_size(clip_frame, self._calibration)
         self._like = first_size, *encoding = self._like or (size, dtype, out)
         if size != first_size:
             raise FileFormatError(
@@ -163,10 +175,10 @@ class ClipEngine:
                 f"{encoding[0]} in {encoding[1]}; render all frames alike"
             )
 
-    def _compensator(self) -> Compensator:
+    def _compensator(self) -> AnyCompensator:
         assert self._like is not None
         settings, (size, _, out) = self._settings, self._like
-        return Compensator(
+        return compensator_of(
             self._calibration,
             size,
             settings.checked_method(),
@@ -177,11 +189,26 @@ class ClipEngine:
         )
 
 
+def canvas_size(clip_frame: ClipFrame, calibration: Calibration) -> int:
+    """Width [px] of a frame; refuses one that has not the aspect of the calibration's canvas."""
+    if isinstance(calibration.screen, Dome):
+        return square_edge(clip_frame.rgb, clip_frame.name)
+    rows, columns = clip_frame.rgb.shape[:2]
+    needed = calibration.canvas.shape(columns)[0]
+    if rows != needed:
+        width_m, height_m = calibration.screen.room.size_m
+        raise FileFormatError(
+            f"{clip_frame.name}: {columns}x{rows} px, and the canvas of this room is {width_m:g} x "
+            f"{height_m:g} m; make it {columns}x{needed} (`procam venue canvas` draws what lies where)"
+        )
+    return columns
+
+
 def linear_compensator(
     calibration: Calibration, size: int, settings: FrameSettings, method: str | Perceptual
-) -> Compensator:
+) -> AnyCompensator:
     """A compensator for pictures in linear light, in full whatever the strength."""
-    return Compensator(
+    return compensator_of(
         calibration,
         size,
         method,
@@ -198,7 +225,7 @@ def most_light(rgb: AnyArray) -> float:
 
 def require_standard_canvas(calibration: Calibration, what: str, instead: str) -> None:
     """Refuse `what` where the media server is fed with other masters than the standard ones."""
-    canvas = calibration.canvas
+    canvas = calibration.dome_canvas
     if canvas != STANDARD:
         raise InputError(
             f"{what} is for dome masters of 180 degrees with the front at the bottom edge, and the server's "
@@ -231,7 +258,7 @@ def _measured(coverage: Map, hi: Map, scatter: Map) -> bool:
     return bool(((coverage > 0) & least_colour((hi > 0) & np.isfinite(scatter))).any())
 
 
-def _right_places(maps: DomeMaps) -> dict[str, tuple[BoolArray, str]]:
+def _right_places(maps: ScreenMaps) -> dict[str, tuple[BoolArray, str]]:
     """Where (N, N[, 3]) each map is as calibrations make it, and what the others are.
 
     Unlit places count where interpolation would carry what is wrong to lit ones.

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.compensate.compensator import Compensator
+from procam.compensate.any_screen import AnyCompensator
 from procam.compensate.projector_frames import Warper
 from procam.errors import FileFormatError, InputError
 from procam.files.calibration import load_calibration
@@ -16,7 +16,6 @@ from procam.files.images.movie_writer import MovieWriter, new_movie
 from procam.files.images.movies import MovieFrame, is_movie
 from procam.files.images.pixels import write_image
 from procam.files.images.sequences import Numbered, PictureSequence
-from procam.files.images.stills import square_edge
 from procam.files.output_log import OutputLog
 from procam.model.calibration import Calibration
 from procam.workflows.events import Steps
@@ -33,6 +32,7 @@ from procam.workflows.playout.compensate import (
 from procam.workflows.playout.encodings import decoded
 from procam.workflows.playout.frame import (
     FrameSettings,
+    canvas_size,
     linear_compensator,
     named_transfer,
     require_photometry,
@@ -96,7 +96,7 @@ class _Maker:
 
     def frames(self, clip_frame: ClipFrame) -> Frames | None:
         """A frame (H, W, 3) of each projector; None of one that only precedes those that are wanted."""
-        size = square_edge(clip_frame.rgb, clip_frame.name)
+        size = canvas_size(clip_frame, self._calibration)
         name = named_transfer(clip_frame, self._settings)
         if self._warper is None:
             self._warper = Warper(self._calibration, size, np.uint16)
@@ -109,7 +109,7 @@ class _Maker:
         direct = self._chunks.solve(clip_frame.number, content).sent
         return self._warper.frame(direct) if clip_frame.wanted else None
 
-    def _compensator(self) -> Compensator:
+    def _compensator(self) -> AnyCompensator:
         assert self._warper is not None
         method = self._settings.checked_method()
         return linear_compensator(self._calibration, self._warper.size, self._settings, method)

@@ -6,10 +6,9 @@ import numpy as np
 
 from procam.arrays import Array
 from procam.estimate.camera.radiance import Radiometer
-from procam.estimate.geometry.camera_view import DomeView
+from procam.estimate.geometry.camera_view import ScreenView
 from procam.estimate.geometry.known_rig import solve_projectors
 from procam.estimate.geometry.model import RigGeometry
-from procam.estimate.geometry.screen_points import round_shape
 from procam.estimate.geometry.solve import GeometrySolution
 from procam.estimate.light.measurement import ProjectorMeasurement
 from procam.estimate.recalibration import with_projector
@@ -67,7 +66,7 @@ class _Measured:
 
     light: ProjectorMeasurement
     images: SessionImages
-    view: DomeView
+    view: ScreenView
     geometry: GeometrySolution
     notes: list[Note]
 
@@ -116,7 +115,7 @@ def _placed(
         seen[camera.name], gathered[camera.name, name], lines = decode_projector(venue, own, name)
         notes += lines
     known = RigGeometry(
-        round_shape(calibration.screen),
+        calibration.screen.shape,
         calibration.cameras,
         {n: p.model for n, p in calibration.projectors.items()},
     )

@@ -55,7 +55,7 @@ def _written(venue: Venue, session: Session, total: int) -> Steps[Path]:
     with MeasurementsOnDisk(venue.directory) as measured:
         seen = yield from measure_session(venue, session, measured, total)
         origin = replace(origin, notes=tuple(seen.notes))
-        where = seen.geometry, seen.dome, seen.view, nudges(venue)
+        where = seen.geometry, seen.screen, seen.view, nudges(venue)
         placed = Placed.of(*where, measured.values())
         falloff, map_size = venue.table.blend.falloff_per_rad, venue.table.screen.map_size
         calibration = assemble(placed, measured, origin, falloff, map_size)

@@ -10,7 +10,7 @@ from procam.estimate.geometry.model import Observations, Pair
 from procam.estimate.geometry.solve import MAX_SPHERE_RATIO, GeometrySolution, solve_geometry
 from procam.estimate.geometry.start import MIN_OBSERVATIONS, ProjectorPrior
 from procam.files.venue.load import Venue
-from procam.maths.geometry.ray_to_screen import RoundShape
+from procam.files.venue.tables import DomeTable
 from procam.model.optics import Fiducial
 from procam.model.provenance import Note
 from procam.workflows.solve.apriltags import known_distances
@@ -27,7 +27,7 @@ def rig_problem(
     """What is known of a venue's rig before it is solved."""
     table = venue.table
     return RigProblem(
-        RoundShape(venue.screen.radius_m),
+        venue.screen.shape,
         venue.cameras,
         {
             name: ProjectorPrior(name, entry.size, entry.lens)
@@ -37,7 +37,7 @@ def rig_problem(
         {name: entry.intrinsics for name, entry in table.cameras.items()},
         marks,
         known_distances(venue, marks),
-        table.screen.radius_m is not None,
+        not (isinstance(table.screen, DomeTable) and table.screen.radius_m is None),
     )
 
 
@@ -87,8 +87,19 @@ def _lens_notes(problem: RigProblem, found: GeometrySolution) -> list[Note]:
     return notes
 
 
+def _verdict_on_room(systematic_ratio: float, ratio: str) -> str:
+    if systematic_ratio < MAX_SPHERE_RATIO:
+        return f"the room has the dimensions of venue.toml {ratio}"
+    return (
+        f"the pictures do not quite fit the dimensions of venue.toml {ratio}. Likely: a wall that is off, a "
+        '"fixed" lens that is, or a device that moved. Standard errors of directions include that'
+    )
+
+
 def _verdict(found: GeometrySolution) -> str:
     ratio = f"(ratio {found.sphere_systematic_ratio**2:.1f})"
+    if not (found.rig.shape.is_sphere or found.rig.shape.degree):
+        return _verdict_on_room(found.sphere_systematic_ratio, ratio)
     if found.sphere_systematic_ratio < MAX_SPHERE_RATIO:
         return f"the dome is a sphere {ratio}"
     degree, alone = found.rig.shape.degree, len(found.rig.cameras) == 1

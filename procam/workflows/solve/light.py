@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from procam.estimate.geometry.camera_view import DomeView
+from procam.estimate.geometry.camera_view import ScreenView
 from procam.estimate.geometry.model import Pair
 from procam.estimate.geometry.solve import GeometrySolution
 from procam.estimate.light.inpaint import pixels_without_pattern
@@ -23,7 +23,7 @@ from procam.estimate.media_server.local_response import fit_exponent, level_samp
 from procam.maths.codes.shot_id import CELLS_PER_MASTER
 from procam.model.mask import Mask
 from procam.model.plan import Shot
-from procam.model.screen import Dome
+from procam.model.screen import Screen
 from procam.workflows.capture.session_images import SessionImages
 from procam.workflows.solve.decode import Decoded
 from procam.workflows.solve.long_exposure import black_notes
@@ -36,9 +36,9 @@ from procam.workflows.solve.sight import (
 
 
 def light_of(
-    dome: Dome,
+    screen: Screen,
     images: SessionImages,
-    view: DomeView,
+    view: ScreenView,
     geometry: GeometrySolution,
     found: Mapping[Pair, Decoded],
     masks: Mapping[str, Mask],
@@ -46,7 +46,7 @@ def light_of(
 ) -> ProjectorMeasurement:
     """The light of projector `name` in a session."""
     sight, noted = (
-        camera_sight(dome, images, view, geometry, found, name),
+        camera_sight(screen, images, view, geometry, found, name),
         black_notes(images, name),
     )
     measured = measure_light(projector_images(images, name), sight, view, masks[name])
@@ -54,16 +54,16 @@ def light_of(
 
 
 def server_light_of(
-    dome: Dome,
+    screen: Screen,
     images: SessionImages,
-    view: DomeView,
+    view: ScreenView,
     geometry: GeometrySolution,
     server: tuple[DomeMaster, Mask],
     name: str,
 ) -> ProjectorMeasurement:
     """The light of media server `name` in a session; the mask is of its master."""
     (master, unused), noted = server, black_notes(images, name)
-    sight = _server_sight(dome, images, view, geometry, master, name)
+    sight = _server_sight(screen, images, view, geometry, master, name)
     pictures = projector_images(images, name)
     found, levels = measure_master_light(pictures, sight, view, unused, master.coarse)
     samples = level_samples(levels, found.light.direct, found.colour.mix, sight.xy, master.size)
@@ -106,9 +106,9 @@ def projector_images(images: SessionImages, name: str) -> ProjectorImages:
 
 
 def _server_sight(
-    dome: Dome,
+    screen: Screen,
     images: SessionImages,
-    view: DomeView,
+    view: ScreenView,
     geometry: GeometrySolution,
     master: DomeMaster,
     name: str,
@@ -117,7 +117,7 @@ def _server_sight(
     base = black_light(images, name) + images.dark(name)[0]
     white = images.light(images.only(name, "white")) - base
     check_saturation(white, view.on_screen, name)
-    xy = view.projector_pixels(geometry.projectors[name], dome)
+    xy = view.projector_pixels(geometry.projectors[name], screen)
     pairs = ((pattern, inverse) for *_, pattern, inverse in images.stripe_pairs(name))
     lit = lit_by_stripes(white, pairs) & master.inside(xy)
     shot_ids_share = shot_id_mask(images, geometry, name, CELLS_PER_MASTER)

@@ -4,14 +4,14 @@ from collections.abc import Callable, Iterator, MutableMapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
-from procam.estimate.geometry.camera_view import DomeView
+from procam.estimate.geometry.camera_view import ScreenView
 from procam.estimate.geometry.solve import GeometrySolution
 from procam.estimate.light.measurement import ProjectorMeasurement
 from procam.files.venue.load import Venue
 from procam.files.venue.masks import projector_masks
 from procam.memory import return_buffers
 from procam.model.provenance import Note
-from procam.model.screen import Dome
+from procam.model.screen import Screen
 from procam.workflows.capture.session_images import SessionImages
 from procam.workflows.main_camera import light_radiometer, screen_view
 from procam.workflows.solve.glare import with_bounded_glare
@@ -31,10 +31,10 @@ class MainView:
     `measure` is for the light of the projector of a name; `notes` are on exposures, glare and the rim.
     """
 
-    dome: Dome
+    screen: Screen
     geometry: GeometrySolution
     images: SessionImages
-    view: DomeView
+    view: ScreenView
     measure: Callable[[str], ProjectorMeasurement]
     notes: list[Note]
 
@@ -52,18 +52,18 @@ def main_view(venue: Venue, rig: SolvedRig) -> MainView:
     """What light is measured with: the main camera through its solved lens, its glare bounded."""
     images, exposure_notes = with_long_exposure(_of_main(venue, rig))
     geometry, glare_notes = with_bounded_glare(images, rig.geometry)
-    images, dome = _with_glare(images, geometry), _solved_screen(venue, geometry)
-    view, masks = screen_view(venue, dome, images.radiometer), projector_masks(venue)
+    images, screen = _with_glare(images, geometry), venue.screen.solved(geometry.rig.shape)
+    view, masks = screen_view(venue, screen, images.radiometer), projector_masks(venue)
     notes = [*exposure_notes, *glare_notes, *check_on_screen(view, rig.found)]
     if rig.server:
         given = (rig.server, masks[rig.server.name])
-        work = partial(server_light_of, dome, images, view, geometry, given)
-        return MainView(dome, geometry, images, view, work, notes)
-    geometry = with_near_veil(dome, images, view, geometry, rig.found)
+        work = partial(server_light_of, screen, images, view, geometry, given)
+        return MainView(screen, geometry, images, view, work, notes)
+    geometry = with_near_veil(screen, images, view, geometry, rig.found)
     images = _with_glare(images, geometry)
     view = replace(view, camera=images.radiometer.camera)
-    own = partial(light_of, dome, images, view, geometry, rig.found, masks)
-    return MainView(dome, geometry, images, view, own, notes)
+    own = partial(light_of, screen, images, view, geometry, rig.found, masks)
+    return MainView(screen, geometry, images, view, own, notes)
 
 
 def _of_main(venue: Venue, rig: SolvedRig) -> SessionImages:
@@ -80,9 +80,3 @@ def _of_main(venue: Venue, rig: SolvedRig) -> SessionImages:
 def _with_glare(images: SessionImages, geometry: GeometrySolution) -> SessionImages:
     """The images of the main camera, whose glare is known better now."""
     return replace(images, radiometer=images.radiometer.with_glare(geometry.camera.sensor))
-
-
-def _solved_screen(venue: Venue, geometry: GeometrySolution) -> Dome:
-    shape = geometry.rig.shape
-    coefficients = tuple(float(b) for b in shape.harmonic_coefficients)
-    return replace(venue.screen, radius_m=shape.radius_m, bumps=coefficients, degree=shape.degree)

@@ -3,13 +3,13 @@
 from collections.abc import MutableMapping
 from dataclasses import dataclass, replace
 
-from procam.estimate.geometry.camera_view import DomeView
+from procam.estimate.geometry.camera_view import ScreenView
 from procam.estimate.geometry.solve import GeometrySolution
 from procam.estimate.light.measurement import ProjectorMeasurement
 from procam.files.session import Session
 from procam.files.venue.load import Venue
 from procam.model.provenance import Note
-from procam.model.screen import Dome
+from procam.model.screen import Screen
 from procam.workflows.events import Event, Steps
 from procam.workflows.solve.main_view import main_view
 from procam.workflows.solve.rig import SolvedRig, solve_session_rig
@@ -21,9 +21,9 @@ class MeasuredSession:
     """What a calibration is assembled from besides the light of projectors; no picture is in it."""
 
     rig: SolvedRig
-    dome: Dome
+    screen: Screen
     geometry: GeometrySolution
-    view: DomeView
+    view: ScreenView
     black: BlackLight
     notes: list[Note]
 
@@ -45,5 +45,5 @@ def measure_session(
     black = with_shared_black(venue, main.images, main.view, measured)
     notes = [*rig.notes, *main.notes, *black.notes]
     return MeasuredSession(
-        replace(rig, found={}), main.dome, main.geometry, main.view, black, notes
+        replace(rig, found={}), main.screen, main.geometry, main.view, black, notes
     )

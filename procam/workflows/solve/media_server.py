@@ -40,14 +40,14 @@ def placed_by_server(
     pictures: list[Array32] = [images.counts(s).astype(np.float32) for s in shots]
     model, table = venue.cameras[camera], venue.table.cameras[camera]
     tags = find_master_tags(model, master, pictures)
-    return place_camera(model, table.intrinsics, venue.screen.radius_m, tags)
+    return place_camera(model, table.intrinsics, venue.screen.shape.radius_m, tags)
 
 
 def server_rig(
     venue: Venue, master: DomeMaster, placed: dict[str, PlacedCamera], marks: Sequence[Fiducial]
 ) -> GeometrySolution:
     """The solved rig, its turn about the pole checked against the marks on the dome."""
-    geometry = server_geometry(master, venue.screen.radius_m, placed)
+    geometry = server_geometry(master, venue.screen.shape.radius_m, placed)
     check_rotation(geometry, master, marks)
     return geometry
 

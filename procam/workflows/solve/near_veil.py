@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 
 from procam.estimate.camera.veil import NearVeilFit
-from procam.estimate.geometry.camera_view import DomeView
+from procam.estimate.geometry.camera_view import ScreenView
 from procam.estimate.geometry.model import Pair
 from procam.estimate.geometry.solve import GeometrySolution
 from procam.estimate.light.projector_images import CameraSight
 from procam.estimate.light.separation import Separation
 from procam.model.optics import ProjectorModel, Sensor
-from procam.model.screen import Dome
+from procam.model.screen import Screen
 from procam.workflows.capture.session_images import SessionImages
 from procam.workflows.solve.decode import Decoded
 from procam.workflows.solve.side_by_side import side_by_side
@@ -23,16 +23,16 @@ GLARE_SIGMAS = 2.0  # by which the veil may exceed the stated one
 
 
 def with_near_veil(
-    dome: Dome,
+    screen: Screen,
     images: SessionImages,
-    view: DomeView,
+    view: ScreenView,
     geometry: GeometrySolution,
     found: Mapping[Pair, Decoded],
 ) -> GeometrySolution:
     """The solved rig, whose main camera has the part of its veil that stays near its light."""
 
     def measured(name: str) -> NearVeilFit:
-        sight = camera_sight(dome, images, view, geometry, found, name)
+        sight = camera_sight(screen, images, view, geometry, found, name)
         return _fitted(images, view, geometry.projectors[name], sight)
 
     fit = NearVeilFit(images.radiometer.seen)
@@ -45,13 +45,11 @@ def with_near_veil(
 
 
 def _fitted(
-    images: SessionImages, view: DomeView, projector: ProjectorModel, sight: CameraSight
+    images: SessionImages, view: ScreenView, projector: ProjectorModel, sight: CameraSight
 ) -> NearVeilFit:
     """The veil of one projector's stripes, a group for each axis."""
     fit = NearVeilFit(images.radiometer.seen)
-    separation = Separation(
-        sight.white, sight.panel, sight.lit, view.solid_angle_sr, sight.maybe_lit
-    )
+    separation = Separation(sight.white, sight.panel, sight.lit, view.weight, sight.maybe_lit)
     axis_before = ""
     for axis, bit, *pair in images.stripe_pairs(projector.name):
         if axis_before not in ("", axis):

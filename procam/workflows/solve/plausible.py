@@ -7,7 +7,7 @@ import numpy as np
 
 from procam.compensate.predicted_picture import predict_picture
 from procam.errors import CalibrationError
-from procam.estimate.geometry.camera_view import DomeView
+from procam.estimate.geometry.camera_view import ScreenView
 from procam.estimate.geometry.model import Pair
 from procam.model.calibration import Calibration
 from procam.model.provenance import Note
@@ -18,7 +18,7 @@ MUCH_BEYOND, MOST_BEYOND = 0.005, 0.2
 OFF_NOTED, OFF_REFUSED = 0.001, 0.02  # of the lit dome, by the frames of the calibration itself
 
 
-def check_on_screen(view: DomeView, found: Mapping[Pair, Decoded]) -> list[Note]:
+def check_on_screen(view: ScreenView, found: Mapping[Pair, Decoded]) -> list[Note]:
     """Notes on projectors whose picture lies partly beyond the rim; much of it is refused.
 
     Two marks whose angles are exchanged or mirrored fit as well as the right ones, and turn the dome over.

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from procam.estimate.geometry.camera_view import DomeView
+from procam.estimate.geometry.camera_view import ScreenView
 from procam.estimate.light.measurement import ProjectorMeasurement
 from procam.estimate.light.shared_black import SharedBlack, fit_shared_black
 from procam.files.venue.load import Venue
@@ -63,7 +63,7 @@ def never_dark(venue: Venue) -> tuple[str, ...]:
 def with_shared_black(
     venue: Venue,
     images: SessionImages,
-    view: DomeView,
+    view: ScreenView,
     measured: MutableMapping[str, ProjectorMeasurement],
     projector: str = "",
 ) -> BlackLight:

@@ -7,7 +7,7 @@ import numpy as np
 from procam.arrays import BoolArray, Image
 from procam.errors import OutOfModelRange
 from procam.estimate.camera.binning import Binning
-from procam.estimate.geometry.camera_view import DomeView, lens_glints
+from procam.estimate.geometry.camera_view import ScreenView, lens_glints
 from procam.estimate.geometry.model import Pair
 from procam.estimate.geometry.solve import GeometrySolution
 from procam.estimate.light.direct_light import well_inside
@@ -16,7 +16,7 @@ from procam.estimate.light.projector_images import CameraSight
 from procam.maths.codes.shot_id import CELLS_PER_PANEL, shot_id_pixels
 from procam.model.mask import Mask
 from procam.model.optics import CameraModel
-from procam.model.screen import Dome
+from procam.model.screen import Screen
 from procam.workflows.capture.session_images import SessionImages
 from procam.workflows.solve.decode import Decoded
 from procam.workflows.solve.direct_light import check_decoded
@@ -33,9 +33,9 @@ def sight_bytes(camera: CameraModel) -> float:
 
 
 def camera_sight(
-    dome: Dome,
+    screen: Screen,
     images: SessionImages,
-    view: DomeView,
+    view: ScreenView,
     geometry: GeometrySolution,
     found: Mapping[Pair, Decoded],
     name: str,
@@ -46,7 +46,7 @@ def camera_sight(
     white = images.light(images.only(name, "white")) - base
     check_saturation(white, view.on_screen & ~glints, name)
     white = fill_picture(white, glints, view.on_screen)
-    xy = view.projector_pixels(geometry.projectors[name], dome)
+    xy = view.projector_pixels(geometry.projectors[name], screen)
     shot_ids_share = shot_id_mask(images, geometry, name, CELLS_PER_PANEL)
     unpatterned = glints | pixels_without_pattern(shot_ids_share, xy)
     panel = np.where(unpatterned[..., None], np.float32(np.nan), xy)

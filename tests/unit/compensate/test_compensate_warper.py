@@ -125,5 +125,5 @@ def test_what_does_not_fit_is_refused(calibration: Calibration) -> None:
         Warper(calibration, N, float)
     with pytest.raises(InputError, match="size: 1 px is too small"):
         Warper(calibration, 1)
-    with pytest.raises(ShapeError, match=r"master has shape \(95, 96, 3\)"):
+    with pytest.raises(ShapeError, match=r"picture has shape \(95, 96, 3\)"):
         Warper(calibration, N).frame(np.zeros((N - 1, N, 3), np.uint8))

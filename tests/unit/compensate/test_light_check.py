@@ -158,7 +158,7 @@ def test_directions_are_those_of_the_canvas(canvas: Canvas) -> None:
     np.testing.assert_allclose(
         direction.reshape(SIZE, SIZE, 3)[inside], expected[inside], atol=1e-12
     )
-    np.testing.assert_allclose(area.reshape(SIZE, SIZE), canvas.solid_angles(SIZE), atol=1e-15)
+    np.testing.assert_allclose(area.reshape(SIZE, SIZE), canvas.weights(SIZE), atol=1e-15)
 
 
 def test_the_standard_error_covers(

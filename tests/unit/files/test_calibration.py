@@ -193,7 +193,7 @@ class TestDamage:
         assert message.startswith(f"{tmp_path} has no calibration.json")
         assert "VENUE/calibrations/0001" in message
 
-    @pytest.mark.parametrize("version", [0, 2, "1", None])
+    @pytest.mark.parametrize("version", [0, 3, "1", None])
     def test_of_another_version(self, saved: Path, version: object) -> None:
         with edited_json(saved / "calibration.json") as document:
             document["schema_version"] = version

@@ -26,9 +26,11 @@ def solve(session: SessionArgument, json: Json = False) -> None:
         report = _sessions.keep_report(venue.directory)
     written = solved.directory
     calibration = load_calibration(written)
-    output.say(f"{written} and {report} written, of session {session.name}")
+    output.say(f"{written}{f' and {report}' if report else ''} written, of session {session.name}")
     output.table(calibration.quality)
     notes = output.notes(calibration, solved.compared)
     directory = quote(str(venue.directory))
-    output.say(f"look at the report; then improve it by photographs: procam refine {directory}")
-    output.finish({"calibration": str(written), "report": str(report), "notes": notes})
+    if report:
+        output.say(f"look at the report; then improve it by photographs: procam refine {directory}")
+    shown = {"report": str(report)} if report else {}
+    output.finish({"calibration": str(written), **shown, "notes": notes})

@@ -5,7 +5,7 @@ import pytest
 
 from procam.estimate.drift.banding import find_banding
 from procam.estimate.drift.pictures import ProjectorPhotographs, VenuePhotographs
-from procam.estimate.geometry.camera_view import DomeView
+from procam.estimate.geometry.camera_view import ScreenView
 from procam.model.calibration import Calibration
 
 SIZE = 160
@@ -25,7 +25,7 @@ def photographs(calibration: Calibration, **factors: np.ndarray | float) -> Venu
         shown[name] = ProjectorPhotographs(white, 0 * white, white)
     camera = calibration.camera
     none = np.zeros((SIZE, SIZE, 3), np.float32)
-    view = DomeView(camera, none, on_screen, on_screen.astype(float))
+    view = ScreenView(camera, none, on_screen, on_screen.astype(float))
     return VenuePhotographs(view, none, shown)
 
 

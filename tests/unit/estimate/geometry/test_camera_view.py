@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from domes import SimulatedDome
 
-from procam.estimate.geometry.camera_view import DomeView
+from procam.estimate.geometry.camera_view import ScreenView
 from procam.maths.geometry.lenses import unproject
 from procam.maths.geometry.sphere import cap_solid_angle
 from procam.model.screen import Dome
@@ -16,8 +16,8 @@ def test_solid_angles_add_up_and_projector_pixels_light_what_is_seen() -> None:
     step = 8
     line = np.arange(0, camera.size[0], step, dtype=float)
     rays = unproject(np.stack(np.meshgrid(line, line), axis=-1), camera.lens)
-    view = DomeView.of(camera, dome, rays, np.ones(rays.shape[:2], bool))
-    assert view.solid_angle_sr.sum() == pytest.approx(cap_solid_angle(dome.half_angle), rel=0.01)
+    view = ScreenView.of(camera, dome, rays, np.ones(rays.shape[:2], bool))
+    assert view.weight.sum() == pytest.approx(cap_solid_angle(dome.half_angle), rel=0.01)
     projector = rig.projectors["south"]
     xy = view.projector_pixels(projector, dome)
     lit = np.isfinite(xy[..., 0])

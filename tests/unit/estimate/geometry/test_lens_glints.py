@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from domes import SimulatedDome
 
-from procam.estimate.geometry.camera_view import GLARE_PX, HOUSING_RADIUS_M, DomeView, lens_glints
+from procam.estimate.geometry.camera_view import GLARE_PX, HOUSING_RADIUS_M, ScreenView, lens_glints
 from procam.estimate.geometry.model import RigGeometry
 from procam.maths.geometry.lenses import project, unproject
 from procam.maths.geometry.pose import Pose
@@ -90,11 +90,11 @@ class TestDiscs:
 def test_a_view_without_masked_pixels_excludes_their_solid_angle(rig: RigGeometry) -> None:
     rays = rays_of(rig)
     dome = Dome(RADIUS_M, np.pi / 2, 0.0, 0.1, 0.05)
-    view = DomeView.of(rig.cameras["zenith"], dome, rays, np.ones(SIZE[::-1], bool))
+    view = ScreenView.of(rig.cameras["zenith"], dome, rays, np.ones(SIZE[::-1], bool))
     covered = lens_glints(rig, rig.cameras["zenith"], rays)
     assert (covered & view.on_screen).any()
     less = view.without(covered)
     assert np.array_equal(less.on_screen, view.on_screen & ~covered)
-    assert not less.solid_angle_sr[covered].any()
-    assert np.array_equal(less.solid_angle_sr[~covered], view.solid_angle_sr[~covered])
+    assert not less.weight[covered].any()
+    assert np.array_equal(less.weight[~covered], view.weight[~covered])
     assert less.direction is view.direction

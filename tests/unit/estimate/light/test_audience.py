@@ -8,7 +8,7 @@ import pytest
 from tolerances import SOLVER
 
 from procam.estimate.camera.radiance import Radiometer
-from procam.estimate.geometry.camera_view import DomeView
+from procam.estimate.geometry.camera_view import ScreenView
 from procam.estimate.light.audience import (
     AudienceView,
     audience_feedback,
@@ -42,13 +42,13 @@ def known(make_calibration: Callable[..., Calibration]) -> Calibration:
 
 
 @pytest.fixture(scope="module")
-def view(known: Calibration) -> DomeView:
+def view(known: Calibration) -> ScreenView:
     radiometer = Radiometer(known.cameras["zenith"])
-    return DomeView.of(radiometer.camera, known.screen, radiometer.rays, radiometer.seen)
+    return ScreenView.of(radiometer.camera, known.screen, radiometer.rays, radiometer.seen)
 
 
 def _quarters(
-    known: Calibration, view: DomeView, ratio: np.ndarray, lamp: float = 1.0
+    known: Calibration, view: ScreenView, ratio: np.ndarray, lamp: float = 1.0
 ) -> list[Picture]:
     """Pictures of quarters with `ratio` times the calibrated scatter, from lamps of some strength."""
     audience, found = AudienceView(known, view), []
@@ -65,7 +65,7 @@ def _quarters(
 
 
 def _ratio(
-    known: Calibration, view: DomeView, pictures: list[Picture], before: Sequence[Picture] = ()
+    known: Calibration, view: ScreenView, pictures: list[Picture], before: Sequence[Picture] = ()
 ) -> Measured:
     audience = AudienceView(known, view)
     now, then = ([audience.observe(*picture) for picture in each] for each in (pictures, before))
@@ -79,11 +79,11 @@ def _one_sided(known: Calibration) -> Calibration:
     return replace(known, maps=replace(known.maps, kernel=kernel))
 
 
-def _scattered(known: Calibration, view: DomeView, direct: np.ndarray) -> np.ndarray:
+def _scattered(known: Calibration, view: ScreenView, direct: np.ndarray) -> np.ndarray:
     """Scattered light (H, W, 3) pixel by pixel; that of full white is uniform."""
     kernel = known.maps.kernel
     phi = basis(view.direction.reshape(-1, 3).astype(float), kernel.degree)
-    moments = phi.T @ (view.solid_angle_sr[..., None] * direct).reshape(-1, 3)
+    moments = phi.T @ (view.weight[..., None] * direct).reshape(-1, 3)
     light = [phi @ (matrix @ m) for matrix, m in zip(kernel.matrix, moments.T, strict=True)]
     return U * np.stack(light, axis=-1).reshape(direct.shape)
 
@@ -91,7 +91,7 @@ def _scattered(known: Calibration, view: DomeView, direct: np.ndarray) -> np.nda
 class TestRatio:
     @pytest.mark.parametrize("lamp", [1.0, 0.6])
     def test_does_not_depend_on_the_brightness_of_the_lamps(
-        self, known: Calibration, view: DomeView, lamp: float
+        self, known: Calibration, view: ScreenView, lamp: float
     ) -> None:
         found = _ratio(known, view, _quarters(known, view, RATIO, lamp))
         np.testing.assert_allclose(found.value, RATIO, rtol=RIM)
@@ -100,7 +100,7 @@ class TestRatio:
         np.testing.assert_allclose(found.sigma, sigma, rtol=0.01)
 
     def test_one_sided_scatter_that_the_kernel_describes(
-        self, known: Calibration, view: DomeView
+        self, known: Calibration, view: ScreenView
     ) -> None:
         one_sided = _one_sided(known)
         found = _ratio(one_sided, view, _quarters(one_sided, view, RATIO))
@@ -109,7 +109,7 @@ class TestRatio:
         )  # phi is taken at the cells' centres
 
     def test_errors_of_the_kernel_cancel_with_the_calibrations_own_pictures(
-        self, known: Calibration, view: DomeView
+        self, known: Calibration, view: ScreenView
     ) -> None:
         """The scatter is one-sided, and the calibrated kernel is not."""
         one_sided = _one_sided(known)
@@ -122,7 +122,7 @@ class TestRatio:
         np.testing.assert_allclose(found.sigma, 0.1 * np.abs(found.value - 1), atol=2e-3)
 
     def test_pictures_that_disagree_widen_the_error(
-        self, known: Calibration, view: DomeView
+        self, known: Calibration, view: ScreenView
     ) -> None:
         same, more = (_quarters(known, view, np.full(3, r)) for r in (1.0, 1.2))
         found = _ratio(known, view, [*same[:4], *more[4:]], same)
@@ -139,7 +139,7 @@ class TestRatio:
 
 class TestAmbient:
     def test_is_mapped_to_the_dome_master_where_it_is_seen(
-        self, known: Calibration, view: DomeView
+        self, known: Calibration, view: ScreenView
     ) -> None:
         slope = 0.02 * (1 + 0.5 * view.direction[..., 1:2]) * [1.0, 0.5, 0.2]
         light = (slope * view.on_screen[..., None]).astype(np.float32)
@@ -154,7 +154,7 @@ class TestAmbient:
         assert not level[~inside].any()
 
     def test_noise_is_not_ambient_light(
-        self, known: Calibration, view: DomeView, rng: np.random.Generator
+        self, known: Calibration, view: ScreenView, rng: np.random.Generator
     ) -> None:
         light = rng.normal(0, 1e-3, (*view.on_screen.shape, 3)).astype(np.float32)
         level, mean = AudienceView(known, view).ambient(light)
@@ -163,7 +163,7 @@ class TestAmbient:
 
 
 class TestCentre:
-    def shifted(self, known: Calibration, view: DomeView, by: int) -> float:
+    def shifted(self, known: Calibration, view: ScreenView, by: int) -> float:
         seen, _ = _quarters(known, view, np.ones(3))[0]
         audience = AudienceView(known, view)
         expected = audience.expected("south", zone_picture((48, 30), 0, ZONES) / np.float32(255))
@@ -171,10 +171,10 @@ class TestCentre:
         return centre_shift(light, expected, view.on_screen)
 
     @pytest.mark.parametrize("by", [5, -8])
-    def test_moved(self, known: Calibration, view: DomeView, by: int) -> None:
+    def test_moved(self, known: Calibration, view: ScreenView, by: int) -> None:
         assert self.shifted(known, view, by) == pytest.approx(abs(by), abs=1.0)
 
-    def test_no_light(self, known: Calibration, view: DomeView) -> None:
+    def test_no_light(self, known: Calibration, view: ScreenView) -> None:
         audience = AudienceView(known, view)
         expected = audience.expected("south", zone_picture((48, 30), 0, ZONES) / np.float32(255))
         assert np.isnan(centre_shift(0 * expected, expected, view.on_screen))

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from procam.estimate.geometry.camera_view import DomeView
+from procam.estimate.geometry.camera_view import ScreenView
 from procam.estimate.light.bands import find_bands
 from procam.estimate.light.spots import spot_notes
 
@@ -62,7 +62,7 @@ def test_bands_are_not_called_dirt() -> None:
     z = np.sqrt(np.maximum(1 - x**2 - y**2, 0))
     on_screen = z > 0.3
     direction = np.stack([x, y, z], axis=-1).astype(np.float32)
-    view = DomeView(SimpleNamespace(name="zenith"), direction, on_screen, 1.0 * on_screen)
+    view = ScreenView(SimpleNamespace(name="zenith"), direction, on_screen, 1.0 * on_screen)
     light = (0.05 * np.exp(bands(5.0, 0.15)) * np.ones((SIZE, SIZE)))[..., None] * np.ones(3)
     (note,) = spot_notes(light.astype(np.float32), view)
     assert str(note).startswith(

@@ -7,7 +7,7 @@ import pytest
 from traced_rooms import DIRECTION, INSIDE, TracedRoom, Where, parts
 
 from procam.errors import OutOfModelRange
-from procam.estimate.geometry.camera_view import DomeView
+from procam.estimate.geometry.camera_view import ScreenView
 from procam.estimate.light.dome_scatter import DomeScatter, measure_scatter
 from procam.estimate.light.feedback import estimate_albedo
 from procam.estimate.light.scatter_kernel import CELLS
@@ -52,7 +52,7 @@ def measured(
     lens = Lens("kannala-brandt", np.ones(2), np.zeros(2), np.zeros(4))
     camera = CameraModel("c", (CELLS, CELLS), lens, Sensor(12, 0.0, (0.0,), glare[0], 0.0, near))
     inside = INSIDE.reshape(CELLS, CELLS)
-    view = DomeView(
+    view = ScreenView(
         camera, DIRECTION.reshape(CELLS, CELLS, 3), inside, np.where(inside, stretch * SOLID_SR, 0)
     )
     samples = [room.scatter_sample(lit, 0.0) for lit in parts()]

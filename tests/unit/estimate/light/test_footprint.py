@@ -7,7 +7,7 @@ import pytest
 from tolerances import FLOAT32
 
 from procam.compensate.projector_frames import projector_frames
-from procam.estimate.geometry.camera_view import DomeView
+from procam.estimate.geometry.camera_view import ScreenView
 from procam.estimate.geometry.model import Observations, ParameterLayout, RigGeometry
 from procam.estimate.geometry.pixel_directions import model_directions
 from procam.estimate.geometry.solve import GeometrySolution
@@ -40,11 +40,11 @@ def _camera(size: int = 300) -> CameraModel:
     )
 
 
-def _view(calibration: Calibration, camera: CameraModel) -> DomeView:
+def _view(calibration: Calibration, camera: CameraModel) -> ScreenView:
     width, height = camera.size
     pixels = np.stack(np.meshgrid(np.arange(width), np.arange(height)), -1).astype(float)
     seen = np.hypot(*np.moveaxis(pixels - camera.lens.centre, -1, 0)) <= width / 2
-    return DomeView.of(camera, calibration.screen, unproject(pixels, camera.lens), seen)
+    return ScreenView.of(camera, calibration.screen, unproject(pixels, camera.lens), seen)
 
 
 def _solution(

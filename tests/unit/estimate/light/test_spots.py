@@ -7,21 +7,21 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from procam.estimate.geometry.camera_view import DomeView
+from procam.estimate.geometry.camera_view import ScreenView
 from procam.estimate.light.edge_blend import edge_blend_notes
 from procam.estimate.light.spots import hidden_notes, spot_notes
 
 SIZE = 200
 
 
-def view() -> DomeView:
+def view() -> ScreenView:
     """A dome as an orthographic camera sees it."""
     y, x = (np.mgrid[:SIZE, :SIZE] - (SIZE - 1) / 2) / (SIZE / 2)
     z = np.sqrt(np.maximum(1 - x**2 - y**2, 0))
     on_screen = z > 0.3
     camera = SimpleNamespace(name="zenith")
     direction = np.stack([x, y, z], axis=-1).astype(np.float32)
-    return DomeView(camera, direction, on_screen, np.where(on_screen, 1 / np.maximum(z, 0.3), 0))
+    return ScreenView(camera, direction, on_screen, np.where(on_screen, 1 / np.maximum(z, 0.3), 0))
 
 
 def scattered(rng: np.random.Generator) -> np.ndarray:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from procam.estimate.geometry.camera_view import DomeView
+from procam.estimate.geometry.camera_view import ScreenView
 from procam.estimate.light.unknown_vignetting import (
     USUAL,
     unknown_vignetting,
@@ -18,7 +18,7 @@ SIZE = 200
 LENS = Lens("kannala-brandt", np.full(2, SIZE / np.pi), np.full(2, (SIZE - 1) / 2), np.zeros(4))
 
 
-def view(*vignetting: float) -> DomeView:
+def view(*vignetting: float) -> ScreenView:
     """A hemisphere as a fisheye of 180 degrees in its middle sees it."""
     pixels = np.stack(np.meshgrid(np.arange(SIZE), np.arange(SIZE)), -1).astype(float)
     rays = unproject(pixels, LENS)
@@ -26,7 +26,7 @@ def view(*vignetting: float) -> DomeView:
     on_screen = theta < np.pi / 2
     solid = np.where(on_screen, np.sinc(theta / np.pi), 0.0)
     camera = CameraModel("zenith", (SIZE, SIZE), LENS, Sensor(12, 64.0, vignetting))
-    return DomeView(camera, rays.astype(np.float32), on_screen, solid)
+    return ScreenView(camera, rays.astype(np.float32), on_screen, solid)
 
 
 def uniform_light(slope: float) -> np.ndarray:

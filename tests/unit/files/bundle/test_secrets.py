@@ -9,7 +9,7 @@ import OpenImageIO as oiio
 import pytest
 from bundles import contents, relisted, take_session, write_bundle, write_zip
 from picture_files import write_with_header
-from venue_keys import EVERY_KEY, OF_SERVERS, PLANTED, keys_of, leaves, with_server
+from venue_keys import EVERY_KEY, OF_ROOMS, OF_SERVERS, PLANTED, keys_of, leaves, with_server
 
 from procam.files.bundle.read import open_bundle, read_manifest
 from procam.files.session import Session
@@ -18,6 +18,7 @@ from procam.files.venue.load import load_venue
 from procam.files.venue.sharing import PRIVATE, SHARED, paths_of
 
 ALL = ", ".join(PLANTED.values())
+FOREIGN = OF_ROOMS | OF_SERVERS  # keys that the venue of this test cannot have
 HAND_MADE = """
 [unattended]
 interlock = "touch CANARY"
@@ -98,7 +99,7 @@ def _plant_in_tables(session: Session) -> None:
 
 def test_the_venue_has_every_key_and_every_secret(session: Session) -> None:
     venue = session.directory.parents[1]
-    assert keys_of(read_toml(venue / "venue.toml")) == set(leaves()) - OF_SERVERS
+    assert keys_of(read_toml(venue / "venue.toml")) == set(leaves()) - FOREIGN
     everything = b"".join(p.read_bytes() for p in venue.rglob("*") if p.is_file())
     assert all(secret.encode() in everything for secret in PLANTED.values())
     assert all(secret in EVERY_KEY for name, secret in PLANTED.items() if name not in ELSEWHERE)
@@ -111,7 +112,7 @@ def test_what_passes_is_the_list(session: Session, tmp_path: Path) -> None:
     venue = load_venue(session.directory.parents[1])
     manifest = write_bundle(venue, session, tmp_path / "out.zip")
     opened = open_bundle(tmp_path / "out.zip", tmp_path / "new")
-    assert keys_of(read_toml(tmp_path / "new" / "venue.toml")) == set(paths_of(SHARED)) - OF_SERVERS
+    assert keys_of(read_toml(tmp_path / "new" / "venue.toml")) == set(paths_of(SHARED)) - FOREIGN
     named = {path.replace("zenith", "*").replace("south", "*") for path in manifest.redacted}
     assert named >= {*paths_of(PRIVATE), "tables of backends"}
     assert opened == manifest == read_manifest(tmp_path / "out.zip")  # nothing more to leave out
@@ -177,7 +178,7 @@ def test_a_hand_made_bundle_opens_without_its_commands(session: Session, tmp_pat
     text += '[projectors.south.control]\nprotocol = "escvp21"\nport = "/dev/ttyS7"\n'
     bundle = write_zip(tmp_path / "x.zip", relisted({**files, "venue.toml": text.encode()}))
     manifest = open_bundle(bundle, tmp_path / "new")
-    assert keys_of(read_toml(tmp_path / "new" / "venue.toml")) == set(paths_of(SHARED)) - OF_SERVERS
+    assert keys_of(read_toml(tmp_path / "new" / "venue.toml")) == set(paths_of(SHARED)) - FOREIGN
     assert not [p for p in (tmp_path / "new").rglob("*.toml") if "CANARY" in p.read_text()]
     opened = load_venue(tmp_path / "new")
     assert opened.table.unattended is None and not any(opened.backends.values())

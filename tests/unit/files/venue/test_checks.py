@@ -100,12 +100,12 @@ CLASHES = {
     "fiducials of one name elsewhere": (
         ("[capture]", MARK.replace("12.0", "-12.0") + "[capture]"),
         "fiducials.front",
-        ["has azimuth_deg, elevation_deg -12, 35 here and 12, 35 before"],
+        ["has azimuth_deg = -12.0, elevation_deg = 35.0 here and azimuth_deg = 12.0, elev"],
     ),
     "fiducials of one name, one without an angle": (
         ("[capture]", MARK.replace("elevation_deg = 35.0\n", "") + "[capture]"),
         "fiducials.front",
-        ["has azimuth_deg, elevation_deg 12, none here and 12, 35 before"],
+        ["has azimuth_deg = 12.0 here and azimuth_deg = 12.0, elevation_deg = 35.0 before"],
     ),
     "fiducials of one name on one camera": (
         ('name = "left"', 'name = "front"'),
@@ -115,7 +115,7 @@ CLASHES = {
     "fiducial with a tag's name": (
         ("[capture]", TAGS + MARK.replace('"front"', '"tag 7"') + "[capture]"),
         "fiducials.tag 7",
-        ["has azimuth_deg, elevation_deg 12, 35 here and -30, none before"],
+        ["has azimuth_deg = 12.0, elevation_deg = 35.0 here and azimuth_deg = -30.0 before"],
     ),
     "fiducial outside the photograph": (
         (MARK_PIXEL, "pixel = [302.5, 1600.0]"),

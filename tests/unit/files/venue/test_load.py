@@ -21,7 +21,7 @@ class TestTemplates:
     def test_each_loads(self, tmp_path: Path, name: str) -> None:
         (tmp_path / "venue.toml").write_text(template_text(name))
         venue = load_venue(tmp_path)
-        assert venue.cameras and venue.table.projectors and venue.screen.radius_m > 0
+        assert venue.cameras and venue.table.projectors and venue.screen.shape.radius_m > 0
 
     def test_the_by_hand_template_loads_with_all_its_examples(self, tmp_path: Path) -> None:
         text = template_text("by-hand")
@@ -104,7 +104,7 @@ MISTAKES = {
         "fiducials.1.sigma_degrees",
         [
             "not a known key",
-            "azimuth_deg, elevation_deg, sigma_deg, name",
+            "azimuth_deg, elevation_deg, sigma_deg, canvas_m, sigma_m",
             "did you mean sigma_deg?",
         ],
     ),

@@ -26,7 +26,7 @@ def _text(figures: dict[str, Figure], dark: float = 0.0, preset: str = "standard
     material: Any = SimpleNamespace(
         figures={name: figure.as_dict() for name, figure in figures.items()},
         preset=preset,
-        calibration=SimpleNamespace(screen=SimpleNamespace(degree=4)),
+        calibration=SimpleNamespace(screen=SimpleNamespace(shape=SimpleNamespace(degree=4))),
         limits=lambda: limits,
     )
     lines = list(result_lines(material))

@@ -51,5 +51,5 @@ def test_planes_are_the_same_in_single_precision() -> None:
     np.testing.assert_allclose(
         np.moveaxis(direction, 0, -1), canvas.directions(64)[0], atol=FLOAT32
     )
-    np.testing.assert_allclose(area, canvas.solid_angles(64), rtol=FLOAT32)
-    assert canvas.solid_angles(512).sum() == pytest.approx(cap_solid_angle(1.9), rel=1e-3)
+    np.testing.assert_allclose(area, canvas.weights(64), rtol=FLOAT32)
+    assert canvas.weights(512).sum() == pytest.approx(cap_solid_angle(1.9), rel=1e-3)

@@ -25,9 +25,9 @@ def box() -> Room:
 def test_a_box_is_closed_and_faces_look_inside(box: Room) -> None:
     areas, normals = face_areas(box.vertices, box.faces), face_normals(box.vertices, box.faces)
     assert areas.sum() == pytest.approx(2 * (6 * 4 + 6 * 3 + 4 * 3))
-    middle = box.vertices[box.faces].mean(axis=1) - [0, 0, 1.5]
+    middle = box.vertices[box.faces].mean(axis=1)
     assert (np.einsum("fi,fi->f", normals, middle) < 0).all()
-    np.testing.assert_allclose(np.abs(box.vertices).max(axis=0), [2, 3, 3])
+    np.testing.assert_allclose(np.abs(box.vertices).max(axis=0), [2, 3, 1.5])
 
 
 def test_its_walls_lie_in_a_strip_as_the_audience_sees_them(box: Room) -> None:
@@ -135,9 +135,17 @@ class TestCanvas:
         assert not field[~canvas.lit].any()
         np.testing.assert_allclose(canvas.mean(field), middle @ slope + 2, atol=0.03)
 
-    def test_too_few_pixels_and_nothing_lit_are_refused(self, room: Room) -> None:
+    def test_faces_smaller_than_a_pixel_have_the_light_of_the_nearest(self, room: Room) -> None:
         place = room.place / room.size_m
-        with pytest.raises(InputError, match="faces are smaller than a pixel of 20 x 11"):
-            mesh_canvas(room.vertices, room.faces, room.part, place, (20, 11))
+        canvas = mesh_canvas(room.vertices, room.faces, room.part, place, (20, 11))
+        picture = np.arange(20 * 11 * 3, dtype=np.float32).reshape(11, 20, 3)
+        means = canvas.mean(picture)
+        at = np.floor(room.place[room.faces].mean(axis=1)).astype(int)  # pixels are metres
+        for face in canvas.small[0]:
+            x, y = at[face]
+            assert np.abs(means[face] - picture[y, x]).max() <= 3 * 21
+
+    def test_nothing_lit_is_refused(self, room: Room) -> None:
+        place = room.place / room.size_m
         with pytest.raises(InputError, match="no face has a place"):
             mesh_canvas(room.vertices, room.faces, room.part, place * np.nan, self.SIZE)

@@ -1,0 +1,87 @@
+"""The canvas of a room whose middle sees all of it: pixels of pictures, and directions of their places."""
+
+from functools import cached_property
+
+import numpy as np
+
+from procam.arrays import Array, BoolArray, FloatArray, IndexArray
+from procam.maths.mesh.canvas import MeshCanvas, mesh_canvas
+from procam.maths.mesh.rooms import Room
+from procam.maths.mesh.shape import MeshShape
+
+NOWHERE = -10.0  # pixels, far enough from any that `sample` gives 0
+
+
+class RoomCanvas:
+    """Pictures of some width [px] on the canvas of a room, its pixels square on the screen.
+
+    Directions are those from the room's origin.
+    """
+
+    def __init__(self, room: Room, shape: MeshShape) -> None:
+        self._room, self._shape = room, shape
+        self._rasters: dict[int, MeshCanvas] = {}
+
+    def shape(self, size: int) -> tuple[int, int]:
+        """Rows and columns of a picture of that width."""
+        width, height = self._room.size_m
+        return max(1, round(size * height / width)), size
+
+    def raster(self, size: int) -> MeshCanvas:
+        """Faces and areas of the pixels; kept, as it takes a while."""
+        if size not in self._rasters:
+            room, (rows, columns) = self._room, self.shape(size)
+            self._rasters[size] = mesh_canvas(
+                room.vertices, room.faces, room.part, self._places, (columns, rows)
+            )
+        return self._rasters[size]
+
+    def directions(self, size: int) -> tuple[Array, BoolArray]:
+        """Directions (H, W, 3) of the pixels, and which lie on the screen; up where they do not."""
+        raster = self.raster(size)
+        lit = raster.lit
+        direction = np.broadcast_to([0.0, 0.0, 1.0], (*lit.shape, 3)).copy()
+        share = raster.share[lit].astype(float)
+        points = self._shape.tracer.points_on(raster.face[lit], share[:, 1], share[:, 2])
+        direction[lit] = points / np.linalg.norm(points, axis=1, keepdims=True)
+        return direction, lit
+
+    def weights(self, size: int) -> Array:
+        """Areas (H, W) [m^2] of the pixels, 0 off the screen."""
+        return np.asarray(self.raster(size).area, float)
+
+    def faces(self, direction: FloatArray) -> IndexArray:
+        """Face (...) of unit directions (..., 3); -1 for none."""
+        met = self._shape.tracer.first_hits(np.zeros(3), direction.astype(float))
+        return met.faces.astype(np.intp)
+
+    def pixels(self, direction: FloatArray, size: int) -> FloatArray:
+        """Pixel coordinates (..., 2) as (column, row) of unit directions; `NOWHERE` off the lit parts."""
+        met = self._shape.tracer.first_hits(np.zeros(3), direction.astype(float))
+        at = np.array(self.shape(size)[::-1])
+        found = np.full((*direction.shape[:-1], 2), NOWHERE, direction.dtype)
+        hit = np.isin(met.faces, self.lit_faces)
+        corner = self._room.vertices[self._room.faces[met.faces[hit]]] / self._shape.radius_m
+        share = _weights_of_corners(corner, met.points[hit])
+        place = self._places[self._room.faces[met.faces[hit]]]
+        found[hit] = np.einsum("nk,nki->ni", share, place) * at - 0.5
+        return found
+
+    @cached_property
+    def _places(self) -> Array:
+        return np.asarray(self._room.place / np.array(self._room.size_m))
+
+    @cached_property
+    def lit_faces(self) -> IndexArray:
+        """Faces that lie on the canvas."""
+        return np.flatnonzero(np.isfinite(self._places[self._room.faces]).all(axis=(1, 2)))
+
+
+def _weights_of_corners(corner: Array, points: Array) -> Array:
+    """Weights (N, 3) of corners (N, 3, 3) at points (N, 3), as projected on their planes."""
+    a, b, c = np.moveaxis(corner, 1, 0)
+    normal = np.cross(b - a, c - a)
+    normal /= np.einsum("ni,ni->n", normal, normal)[:, None]
+    v = np.einsum("ni,ni->n", np.cross(points - a, c - a), normal)
+    w = np.einsum("ni,ni->n", np.cross(b - a, points - a), normal)
+    return np.stack([1 - v - w, v, w], axis=1)

@@ -1,0 +1,166 @@
+"""A box and a cylinder from photographs to compensated frames, judged on the simulated walls."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.ndimage import binary_erosion
+from typer.testing import CliRunner
+
+from procam.arrays import Array, Image
+from procam.compensate.any_screen import compensator_of
+from procam.compensate.projector_frames import projector_frames
+from procam.files.calibration import load_calibration
+from procam.files.images.stills import read_picture
+from procam.files.venue.load import load_venue
+from procam.interfaces.cli.main import app
+from procam.model.calibration import Calibration
+from simulators.backend import build_scene
+from simulators.scene import ALL_BANDS, DomeScene, SceneSize
+from simulators.sight_lines import SightLines
+from simulators.template import walls_text
+from simulators.walled_room import Cast, WalledSurface
+
+SIZE = SceneSize(2, (640, 400), 2, (800, 800), rays=1024, map_size=256)
+EDGE_PX = 4  # of the canvas, beside what is lit in part
+Room = tuple[Path, Calibration, DomeScene]
+
+
+@dataclass(frozen=True)
+class OnWalls:
+    """What an audience sees on the pixels of the canvas, in content light."""
+
+    lines: SightLines
+    scene: DomeScene
+    calibration: Calibration
+
+    @classmethod
+    def of(cls, scene: DomeScene, calibration: Calibration) -> "OnWalls":
+        direction, _ = calibration.canvas.directions(SIZE.map_size or 0)
+        lines = SightLines.along(scene.room, scene.lights, np.zeros(3), direction)
+        return cls(lines, scene, calibration)
+
+    def of_frames(self, frames: dict[str, Image]) -> tuple[Array, Array]:
+        """Direct and scattered light (H, W, 3)."""
+        full = dict.fromkeys(frames, 1.0)
+        parts = self.scene.parts_of_drives(self.lines, frames, full, ALL_BANDS, 0)
+        direct, scattered = (part @ self.calibration.content_from_camera.T for part in parts)
+        return direct, scattered
+
+
+@pytest.fixture(scope="module", params=["box", "cylinder"])
+def room(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Room:
+    folder = tmp_path_factory.mktemp(request.param)
+    (folder / "venue.toml").write_text(walls_text(request.param, SIZE, patch_m=0.25), "utf-8")
+    done = CliRunner().invoke(app, ["calibrate", str(folder)])
+    assert done.exit_code == 0, done.output
+    calibration = load_calibration(folder / "calibrations" / "0001")
+    return folder, calibration, build_scene(load_venue(folder).backends["simulated"], folder)
+
+
+def test_pixels_land_where_they_land(room: Room) -> None:
+    """Within 1 mm for each metre of the screen's width."""
+    _, calibration, scene = room
+    shape, width_m = calibration.screen.shape, calibration.screen.room.size_m[0]  # type: ignore[union-attr]
+    for name, light in scene.lights.items():
+        surface = calibration.projectors[name].surface
+        both = surface.valid & light.lit
+        assert both.sum() > 0.8 * light.lit.sum()
+        direction = surface.direction[both].astype(float)
+        away = shape.radius_at(direction)[:, None] * direction - light.direction[both]
+        assert np.sqrt(np.mean(np.sum(away**2, axis=1))) < 1e-3 * width_m
+        areas = surface.solid_angle_sr[both] / light.area_m2[both]
+        assert np.median(areas) == pytest.approx(1, abs=5e-3)
+
+
+def test_the_albedo_is_that_of_the_paint(room: Room) -> None:
+    _, calibration, scene = room
+    true = lit_albedo(scene.surface)  # type: ignore[arg-type]
+    np.testing.assert_allclose(calibration.albedo.value, true, rtol=0.06)
+    for _, albedo, sigma in calibration.screen.others:  # type: ignore[union-attr]
+        assert abs(albedo - 0.2) < 3 * sigma
+
+
+def lit_albedo(surface: WalledSurface) -> float:
+    at = (np.arange(200) + 0.5) / 200
+    u, v = (grid.ravel() for grid in np.meshgrid(at, at))
+    total, area = 0.0, 0.0
+    for number, wall in enumerate(surface.walls):
+        if wall.name in surface.lit:
+            cast = Cast(np.full(len(u), number), np.zeros(len(u)), u, v)
+            size = float(np.prod(wall.size_m))
+            total, area = total + size * float(surface.albedo(cast).mean()), area + size
+    return total / area
+
+
+def test_a_compensated_picture_is_what_was_asked_for(room: Room) -> None:
+    """On the simulated walls, all projectors lit, where no limit holds."""
+    _, calibration, scene = room
+    walls, maps = OnWalls.of(scene, calibration), calibration.maps
+    size = maps.size
+    content = np.full((*maps.coverage.shape, 3), 0.6, np.float32)
+    inner = binary_erosion(maps.coverage > 0.999, iterations=EDGE_PX)
+    weight = calibration.canvas.weights(size) * inner
+    error = {}
+    for method in ("none", "exact"):
+        picture = compensator_of(calibration, size, method).predict(content)
+        direct, scattered = walls.of_frames(projector_frames(picture.direct, calibration))
+        off = (direct + scattered - content)[..., 1]
+        error[method] = float(np.sqrt((weight * off**2).sum() / weight.sum()))
+    if calibration.screen.kind == "box":
+        assert error["none"] > 0.2
+        assert error["exact"] < 0.08 * error["none"]
+    else:  # walls that hardly see each other: what is left is the noise of the light of projectors
+        assert error["exact"] < 0.02 < error["none"]
+
+
+def test_pictures_and_projectors_frames_by_the_command_line(room: Room, tmp_path: Path) -> None:
+    import cv2
+
+    folder, calibration, _ = room
+    rows, columns = calibration.canvas.shape(200)
+    content = np.full((rows, columns, 3), 150, np.uint8)
+    cv2.imwrite(str(tmp_path / "in.png"), content)
+    run = CliRunner()
+    done = run.invoke(
+        app, ["compensate", str(folder), str(tmp_path / "in.png"), str(tmp_path / "out.png")]
+    )
+    assert done.exit_code == 0, done.output
+    assert "1 frame read back" in done.output
+    sent, _ = read_picture(tmp_path / "out.png")
+    assert sent.shape == content.shape
+    done = run.invoke(
+        app,
+        [
+            "compensate",
+            str(folder),
+            str(tmp_path / "in.png"),
+            str(tmp_path / "frames"),
+            "--to",
+            "projectors",
+        ],
+    )
+    assert done.exit_code == 0, done.output
+    assert {path.stem for path in (tmp_path / "frames").iterdir()} == set(calibration.projectors)
+    cv2.imwrite(str(tmp_path / "square.png"), np.zeros((64, 64, 3), np.uint8))
+    done = run.invoke(
+        app, ["compensate", str(folder), str(tmp_path / "square.png"), str(tmp_path / "x.png")]
+    )
+    assert done.exit_code == 2
+    assert "the canvas of this room is" in done.output
+
+
+def test_the_canvas_is_drawn(room: Room, tmp_path: Path) -> None:
+    folder, _, _ = room
+    done = CliRunner().invoke(app, ["venue", "canvas", str(folder), str(tmp_path / "canvas.png")])
+    assert done.exit_code == 0, done.output
+    assert (tmp_path / "canvas.png").stat().st_size > 1000
+
+
+@pytest.mark.parametrize("command", ["refine", "report", "verify"])
+def test_what_is_for_domes_only_says_so(room: Room, command: str) -> None:
+    folder, _, _ = room
+    done = CliRunner().invoke(app, [command, str(folder)])
+    assert done.exit_code == 2, done.output
+    assert "for domes" in done.output
