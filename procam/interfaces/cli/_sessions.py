@@ -3,8 +3,9 @@
 from pathlib import Path
 from shlex import quote
 
+from procam.errors import InputError
 from procam.files.calibration import load_calibration, save_calibration
-from procam.files.venue.load import load_venue
+from procam.files.venue.load import Venue, load_venue
 from procam.files.versions import calibration_in_use, next_directory, use_calibration
 from procam.interfaces.cli._output import Output
 from procam.interfaces.report import write_report
@@ -14,6 +15,22 @@ from procam.workflows.refine.refine import Refined
 from procam.workflows.refine.stored_pictures import keep_pictures
 from procam.workflows.sample_content import half_sky
 from procam.workflows.solve.plausible import check_calibration
+
+
+def load_dome_venue(directory: Path, command: str) -> Venue:
+    """The venue of a command that is for domes only.
+
+    Raises
+    ------
+    InputError
+        Its screen is a room.
+    """
+    venue = load_venue(directory)
+    if not isinstance(venue.screen, Dome):
+        raise InputError(
+            f"procam {command} is for domes, and the screen of {directory} is a {venue.screen.kind}"
+        )
+    return venue
 
 
 def keep_report(venue: Path) -> Path | None:

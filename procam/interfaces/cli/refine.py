@@ -9,12 +9,12 @@ from procam.files.calibration import load_calibration
 from procam.files.history.read import verify_unchanged
 from procam.files.history.record import recorded
 from procam.files.session import digest
-from procam.files.venue.load import load_venue
 from procam.files.versions import chosen_calibration, venue_of_calibration
 from procam.interfaces.cli import _sessions
 from procam.interfaces.cli._options import FromArgument, Json, ReplaceRound, RoundPhotos
 from procam.interfaces.cli._output import Output, RunLog, as_dicts, exit_if_missed
 from procam.interfaces.cli._rounds import ask_for_photographs, given_photographs
+from procam.interfaces.cli._sessions import load_dome_venue
 from procam.workflows.photographs.open import photographer_of
 from procam.workflows.photographs.orders import PhotographsWanted
 from procam.workflows.playout.frame import require_standard_canvas
@@ -42,7 +42,7 @@ def refine(
     one gets worse, nothing is written.
     """
     venue = venue_of_calibration(start)
-    loaded, output = load_venue(venue), Output(json, RunLog(venue, "refine"))
+    loaded, output = load_dome_venue(venue, "refine"), Output(json, RunLog(venue, "refine"))
     kept = chosen_calibration(start)
     verify_unchanged(venue, kept)
     calibration = load_calibration(kept)

@@ -7,7 +7,6 @@ import typer
 from procam.files.calibration import load_calibration, save_calibration
 from procam.files.history.read import verify_unchanged
 from procam.files.history.record import recorded
-from procam.files.venue.load import load_venue
 from procam.files.versions import (
     chosen_calibration,
     next_directory,
@@ -17,6 +16,7 @@ from procam.files.versions import (
 from procam.interfaces.cli._options import FromArgument, Json, ReplaceRound, RoundPhotos
 from procam.interfaces.cli._output import Output, RunLog
 from procam.interfaces.cli._rounds import ask_for_photographs, given_photographs
+from procam.interfaces.cli._sessions import load_dome_venue
 from procam.model.venue_state import VenueState
 from procam.workflows.audience import check_state_name, measure_state, with_state
 from procam.workflows.photographs.open import photographer_of
@@ -48,7 +48,7 @@ def state(
     photographs with --photos.
     """
     venue = venue_of_calibration(start)
-    loaded, output = load_venue(venue), Output(json, RunLog(venue, "state"))
+    loaded, output = load_dome_venue(venue, "state"), Output(json, RunLog(venue, "state"))
     kept = chosen_calibration(start)
     verify_unchanged(venue, kept)
     calibration = load_calibration(kept)

@@ -52,17 +52,17 @@ def write_report(venue_dir: Path, out: Path | None = None) -> Path:
         a file is there but damaged.
     """
     require_matplotlib()  # before anything is read
-    material = read_material(venue_dir)
-    if material.calibration and not isinstance(material.calibration.screen, Dome):
-        raise InputError(
-            f"{venue_dir}: reports are for domes, and its screen is a {material.calibration.screen.kind}; "
-            "`procam venue show` prints the figures"
-        )
-    return write_page(material, out or venue_dir / "report.html")
+    return write_page(read_material(venue_dir), out or venue_dir / "report.html")
 
 
 def write_page(material: Material, path: Path) -> Path:
     """The same from what was read of a venue."""
+    calibration = material.calibration
+    if calibration and not isinstance(calibration.screen, Dome):
+        raise InputError(
+            f"{material.directory}: reports are for domes, and its screen is a {calibration.screen.kind}; "
+            "`procam venue show` prints the figures"
+        )
     require_matplotlib()
     template = html_template("report_template.html")
     atomic.write_text(path, template.render(**_context(material)))
