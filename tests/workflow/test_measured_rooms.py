@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.ndimage import binary_erosion
+from tiny_venue import refused
 from typer.testing import CliRunner
 
 from procam.arrays import Array, Image
@@ -144,11 +145,8 @@ def test_pictures_and_projectors_frames_by_the_command_line(room: Room, tmp_path
     assert done.exit_code == 0, done.output
     assert {path.stem for path in (tmp_path / "frames").iterdir()} == set(calibration.projectors)
     cv2.imwrite(str(tmp_path / "square.png"), np.zeros((64, 64, 3), np.uint8))
-    done = run.invoke(
-        app, ["compensate", str(folder), str(tmp_path / "square.png"), str(tmp_path / "x.png")]
-    )
-    assert done.exit_code == 2
-    assert "the canvas of this room is" in done.output
+    complaint = refused("compensate", folder, tmp_path / "square.png", tmp_path / "x.png")
+    assert "the canvas of this room is" in complaint
 
 
 def test_the_canvas_is_drawn(room: Room, tmp_path: Path) -> None:
@@ -161,6 +159,4 @@ def test_the_canvas_is_drawn(room: Room, tmp_path: Path) -> None:
 @pytest.mark.parametrize("command", ["refine", "report", "verify"])
 def test_what_is_for_domes_only_says_so(room: Room, command: str) -> None:
     folder, _, _ = room
-    done = CliRunner().invoke(app, [command, str(folder)])
-    assert done.exit_code == 2, done.output
-    assert "for domes" in done.output
+    assert "for domes" in refused(command, folder)
