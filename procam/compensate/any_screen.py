@@ -1,9 +1,8 @@
 """The compensator of a dome or of a room."""
 
-from typing import TYPE_CHECKING, Any, Union
+from typing import TYPE_CHECKING, Union
 
 from procam.compensate.compensator import Compensator
-from procam.compensate.perceptual.settings import Perceptual
 from procam.model.calibration import Calibration
 from procam.model.screen import RoomScreen
 
@@ -13,29 +12,10 @@ if TYPE_CHECKING:
 AnyCompensator = Union[Compensator, "RoomFrames"]
 
 
-def compensator_of(
-    calibration: Calibration,
-    size: int,
-    method: str | Perceptual = "exact",
-    state: str | None = None,
-    *,
-    strength: float = 1.0,
-    white: str = "summed",
-    transfer_name: str | None = None,
-) -> AnyCompensator:
-    """The compensator for a calibration of a dome or of a room; see `Compensator`."""
-    kind: Any = Compensator
-    if isinstance(calibration.screen, RoomScreen):
-        from procam.compensate.room_frames import RoomFrames  # noqa: PLC0415 - SciPy
+def compensator_for(calibration: Calibration) -> "type[Compensator] | type[RoomFrames]":
+    """The class of compensator for the screen of a calibration; both are made in the same way."""
+    if not isinstance(calibration.screen, RoomScreen):
+        return Compensator
+    from procam.compensate.room_frames import RoomFrames  # noqa: PLC0415 - SciPy
 
-        kind = RoomFrames
-    made: AnyCompensator = kind(
-        calibration,
-        size,
-        method,
-        state,
-        strength=strength,
-        white=white,
-        transfer_name=transfer_name,
-    )
-    return made
+    return RoomFrames

@@ -11,7 +11,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from procam.arrays import Array, BoolArray, FloatArray, Image
-from procam.compensate.any_screen import compensator_of
+from procam.compensate.any_screen import compensator_for
 from procam.compensate.projector_frames import projector_frames
 from procam.maths.light.curves import apply_curve
 from procam.maths.warp import grow, sample
@@ -104,7 +104,7 @@ def _frames(calibration: Calibration, edge: int) -> tuple[Image, dict[str, Image
     """Direct light (N, N, 3) that the content asks for, and the frames for it."""
     shape = calibration.canvas.shape(edge)
     content = np.broadcast_to(np.array(CONTENT, np.float32), (*shape, 3))
-    direct = compensator_of(calibration, edge).frame(np.ascontiguousarray(content))
+    direct = compensator_for(calibration)(calibration, edge).frame(np.ascontiguousarray(content))
     return np.asarray(direct), projector_frames(direct, calibration)
 
 

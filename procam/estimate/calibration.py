@@ -25,6 +25,7 @@ from procam.memory import return_buffers
 from procam.model.calibration import Calibration, ProjectorCalibration
 from procam.model.provenance import Provenance
 from procam.model.quality import Figure, Goal
+from procam.model.screen import Dome
 from procam.model.transport import ScreenMaps
 
 COVERED = 0.999  # coverage of a pixel that limits the common white
@@ -71,7 +72,9 @@ def assemble(
         falloff=shape if falloff_per_rad else None,
     )
     notes = [*provenance.notes, *(note for m in measured.values() for note in m.notes)]
-    notes += [*light.notes, *edge_blend_notes(projectors)]
+    notes += light.notes
+    if isinstance(screen, Dome):  # in a room pictures end on walls that are not lit
+        notes += edge_blend_notes(projectors)
     return Calibration(
         light.screen,
         placed.geometry.rig.cameras,

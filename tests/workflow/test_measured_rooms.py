@@ -10,7 +10,7 @@ from tiny_venue import refused
 from typer.testing import CliRunner
 
 from procam.arrays import Array, Image
-from procam.compensate.any_screen import compensator_of
+from procam.compensate.any_screen import compensator_for
 from procam.compensate.projector_frames import projector_frames
 from procam.files.calibration import load_calibration
 from procam.files.images.stills import read_picture
@@ -79,6 +79,9 @@ def test_the_albedo_is_that_of_the_paint(room: Room) -> None:
     _, calibration, scene = room
     true = lit_albedo(scene.surface)  # type: ignore[arg-type]
     np.testing.assert_allclose(calibration.albedo.value, true, rtol=0.06)
+    low, high = calibration.albedo.interval()
+    assert ((low < true) & (true < high)).all()
+    assert any(note.code == "low albedo" for note in calibration.provenance.notes)
     for _, albedo, sigma in calibration.screen.others:  # type: ignore[union-attr]
         assert abs(albedo - 0.2) < 3 * sigma
 
@@ -105,7 +108,7 @@ def test_a_compensated_picture_is_what_was_asked_for(room: Room) -> None:
     weight = calibration.canvas.weights(size) * inner
     error = {}
     for method in ("none", "exact"):
-        picture = compensator_of(calibration, size, method).predict(content)
+        picture = compensator_for(calibration)(calibration, size, method).predict(content)
         direct, scattered = walls.of_frames(projector_frames(picture.direct, calibration))
         off = (direct + scattered - content)[..., 1]
         error[method] = float(np.sqrt((weight * off**2).sum() / weight.sum()))

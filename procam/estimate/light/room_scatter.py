@@ -18,6 +18,7 @@ from procam.estimate.light.separation import SeparatedLight
 from procam.maths.fixed_point import fixed_point
 from procam.maths.mesh.compressed import CompressedFactors
 from procam.maths.warp import sample
+from procam.model.provenance import Note
 from procam.model.screen import RoomScreen
 from procam.model.transport import Measured
 
@@ -25,6 +26,9 @@ BRIGHTEST = 0.98  # albedo
 SEEN_OF_LIT = 0.5  # of the area of lit parts that the camera must see
 SEEN = 0.3  # of a face's area that the camera must see, for its light to be measured
 TOLERANCE = 1e-5  # of the brightest irradiance
+# relative, of the albedo: dark halves of wide stripes lack light where another wall is near, which makes it
+# 2 to 4 % low for panels of 640 px, 9 % for 480 px (docs/decisions/light.md)
+STRIPES_SIGMA = 0.05
 MODEL_SIGMA = 0.003  # relative, of the albedo: light within a face is not uniform
 OTHERS_SIGMA = 0.05  # relative, of the albedo of a part that is not lit
 SINGLE_SIGMA = 0.01  # relative, of the albedo from one projector alone
@@ -119,6 +123,16 @@ def measure_room(
     )
 
 
+def low_albedo_note() -> Note:
+    """What a room's calibration must say of its albedo."""
+    text = (
+        "light between wide stripes is measured too low beside other lit walls, so the albedo may be some "
+        "percent low, and as much of the scattered light stays; its interval includes that. Projectors of "
+        "more pixels have narrower stripes"
+    )
+    return Note("low albedo", "", text)
+
+
 def settled(factors: CompressedFactors, albedo: Array, direct: Array) -> Array:
     """Irradiance (F, C) after all bounces, of direct light (F, C) and an albedo (F, C)."""
 
@@ -180,7 +194,7 @@ def _with_sigma(ratio: _Ratios, area: Array, stated_sigma: Array, veil: Array) -
     few = len(each) < 2
     spread = SINGLE_SIGMA * value if few else each.std(axis=0, ddof=1) / np.sqrt(len(each))
     by_others = ratio.together(area, ratio._stated + stated_sigma) - value
-    parts = (spread, by_others, veil, MODEL_SIGMA * value)
+    parts = (spread, by_others, veil, MODEL_SIGMA * value, STRIPES_SIGMA * value)
     return Measured(value, np.sqrt(np.sum(np.square(parts), axis=0)))
 
 

@@ -46,6 +46,10 @@ def find_mistakes(table: VenueTable, folder: Path) -> list[str]:
     """One line for each mistake in the tables of a venue in `folder`."""
     found = [*_name_mistakes(table), *_screen_mistakes(table.screen, folder)]
     found += _others_mistakes(table.screen)
+    if table.blend.falloff_percent_per_deg and not isinstance(table.screen, DomeTable):
+        found.append(
+            f"blend.falloff_percent_per_deg is for domes, and the screen is a {table.screen.kind}; remove it"
+        )
     for name, camera in table.cameras.items():
         found += _camera_mistakes(f"cameras.{name}", camera, folder)
     for name, projector in table.projectors.items():

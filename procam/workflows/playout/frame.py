@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from procam.arrays import AnyArray, BoolArray, Map
-from procam.compensate.any_screen import AnyCompensator, compensator_of
+from procam.compensate.any_screen import AnyCompensator, compensator_for
 from procam.compensate.compensator import Compensator
 from procam.compensate.light_check import LightCheck
 from procam.compensate.perceptual.settings import PERCEPTUAL, Perceptual
@@ -178,7 +178,7 @@ class ClipEngine:
     def _compensator(self) -> AnyCompensator:
         assert self._like is not None
         settings, (size, _, out) = self._settings, self._like
-        return compensator_of(
+        return compensator_for(self._calibration)(
             self._calibration,
             size,
             settings.checked_method(),
@@ -208,7 +208,7 @@ def linear_compensator(
     calibration: Calibration, size: int, settings: FrameSettings, method: str | Perceptual
 ) -> AnyCompensator:
     """A compensator for pictures in linear light, in full whatever the strength."""
-    return compensator_of(
+    return compensator_for(calibration)(
         calibration,
         size,
         method,

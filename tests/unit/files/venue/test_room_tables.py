@@ -63,6 +63,7 @@ def test_a_polygon_on_the_canvas_is_masked(tmp_path: Path, box: str) -> None:
         ('kind = "box"\n', "", ["screen.kind is missing"]),
         ("width_m = 6.0", "with_m = 6.0", ["did you mean width_m?", "The keys are kind, width_m"]),
         ("other_albedo =", "others.front = [0.3, 0.1]\nother_albedo =", ["others.front", "back, "]),
+        ("[capture]", "[blend]\nfalloff_percent_per_deg = 1\n[capture]", ["is for domes", "a box"]),
         ('lit = ["left"', 'lit = ["roof"', ["lit", "roof", "'left'"]),
         ("sigma_m = 0.003\n", "", ["sigma_m is missing"]),
         ("sigma_m = 0.003", "sigma_m = 0.003\nazimuth_deg = 3", ["azimuth_deg", "canvas_m and sigma_m"]),
