@@ -1,0 +1,31 @@
+"""Rooms in calibration.json: what is damaged is refused, whatever stands there."""
+
+import json
+from dataclasses import asdict
+
+import pytest
+
+from procam.errors import InputError
+from procam.files.calibration_entries import screen
+from procam.model.screen import Dome, RoomScreen
+
+ROOM = RoomScreen("cylinder", (5.0, 120.0, 3.0), ("wall",), (("floor", 0.2, 0.1),))
+ENTRY = json.loads(json.dumps(asdict(ROOM)))
+
+
+def test_a_room_is_read_as_it_was_written() -> None:
+    assert screen(ENTRY) == ROOM
+
+
+def test_without_a_kind_it_is_a_dome() -> None:
+    assert isinstance(screen(asdict(Dome(6.0, 1.5))), Dome)
+
+
+@pytest.mark.parametrize("change", [
+    {"size": [1e9, 120, 3]}, {"size": [5, 7, 3]}, {"size": [5, 120]}, {"size": [5, 120, None]},
+    {"kind": "box"}, {"kind": "sphere"}, {"kind": 3}, {"lit": []}, {"lit": None}, {"lit": ["roof"]},
+    {"others": []}, {"others": [["floor"]]}, {"others": [["floor", 2, 0]]}, {"others": 7},
+], ids=str)  # fmt: skip
+def test_damage_is_refused(change: dict[str, object]) -> None:
+    with pytest.raises((ValueError, TypeError, LookupError, InputError)):
+        screen({**ENTRY, **change})
