@@ -15,6 +15,7 @@ PARTS = {
     "cylinder": ("wall", "floor"),
 }
 Angles = tuple[float | None, float | None, float]  # azimuth, elevation, sigma [rad]
+one_room = cache(RoomScreen)  # its mesh takes a while
 
 
 def screen_of(table: ScreenTable) -> Screen:
@@ -27,13 +28,10 @@ def screen_of(table: ScreenTable) -> Screen:
             table.floor_albedo,
             table.floor_albedo_sigma,
         )
-    return _room(table.model_dump_json(), type(table))
+    return _room(table)
 
 
-@cache
-def _room(text: str, kind: type[BoxTable] | type[CylinderTable]) -> RoomScreen:
-    """The room of a table as JSON: one and the same, as its mesh takes a while."""
-    table = kind.model_validate_json(text)
+def _room(table: BoxTable | CylinderTable) -> RoomScreen:
     if isinstance(table, BoxTable):
         size, lit = (table.width_m, table.depth_m, table.height_m), tuple(map(str, table.lit))
     else:
@@ -41,7 +39,7 @@ def _room(text: str, kind: type[BoxTable] | type[CylinderTable]) -> RoomScreen:
     usual = table.other_albedo, table.other_albedo_sigma
     stated = {str(name): given for name, given in table.others.items()}
     others = [(name, *stated.get(name, usual)) for name in PARTS[table.kind] if name not in lit]
-    return RoomScreen(table.kind, size, lit, tuple(others))
+    return one_room(table.kind, size, lit, tuple(others))
 
 
 def canvas_size_m(table: BoxTable | CylinderTable) -> tuple[float, float]:
