@@ -13,7 +13,7 @@ from pathlib import Path
 
 from matplotlib import pyplot as plt
 
-from procam.interfaces.report.blocks import DomePicture, Domes
+from procam.interfaces.report.blocks import Pictures, ScreenPicture
 from procam.interfaces.report.data import read_material
 from procam.interfaces.report.light import pictures
 
@@ -26,11 +26,11 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         subprocess.run([sys.executable, "-m", "procam", "demo", "--out", folder], check=True)
         (row,) = pictures(read_material(Path(folder)))
-        assert isinstance(row, Domes)
-        draw(row.groups[0].domes)
+        assert isinstance(row, Pictures)
+        draw(row.groups[0].pictures)
 
 
-def draw(domes: list[DomePicture], path: Path = PICTURE) -> None:
+def draw(domes: list[ScreenPicture], path: Path = PICTURE) -> None:
     """Draw dome masters of a report beside each other."""
     figure, axes = plt.subplots(1, len(domes), figsize=(11.4, 4.2), facecolor=BACKGROUND)
     figure.subplots_adjust(left=0.005, right=0.995, bottom=0.02, top=0.88, wspace=0.03)

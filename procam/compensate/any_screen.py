@@ -2,14 +2,16 @@
 
 from typing import TYPE_CHECKING, Union
 
-from procam.compensate.compensator import Compensator
+from procam.compensate.compensator import Compensated, Compensator
 from procam.model.calibration import Calibration
 from procam.model.screen import RoomScreen
 
 if TYPE_CHECKING:
+    from procam.compensate.room import RoomPicture
     from procam.compensate.room_frames import RoomFrames
 
 AnyCompensator = Union[Compensator, "RoomFrames"]
+AnyPicture = Union[Compensated, "RoomPicture"]
 
 
 def compensator_for(calibration: Calibration) -> "type[Compensator] | type[RoomFrames]":

@@ -138,7 +138,7 @@ def _quality(
             "-",
             Goal("<=", MAX_SPHERE_RATIO**2),
             len(residual),
-            "above it the dome is not a sphere",
+            "above it the screen is not what it is stated to be: a sphere, or a room of these dimensions",
         ),
         **_direction_sigmas(geometry, placed.moved_arcmin),
         "shape_degree": Figure(float(geometry.rig.shape.degree), "-"),

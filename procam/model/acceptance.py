@@ -47,7 +47,7 @@ CRITERIA: Mapping[str, Criterion] = {
     "geometry_residual_rms_px": Criterion(
         "Residual of the geometry, in pixels of the projectors", "px"
     ),
-    "sphere_variance_ratio": Criterion("Departure of the screen from a sphere (1: none)"),
+    "sphere_variance_ratio": Criterion("Departure of the screen from its stated shape (1: none)"),
     "coverage": Criterion("Share of the dome that is lit", side="least"),
     "additivity_error": Criterion("Departure of white from the sum of its primaries"),
     "feedback": Criterion("Scattered light per light projected", measured=True),

@@ -13,8 +13,8 @@ def compare(first: Calibration, second: Calibration) -> Comparison:
 
     Raises
     ------
-    NotEnoughData
-        If the calibrations share too few pixels of a projector.
+    CalibrationError
+        As `compare_calibrations`.
     """
     found = compare_calibrations(first, second)
     step = _picture_step(first, second)

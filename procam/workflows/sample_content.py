@@ -1,9 +1,11 @@
-"""Content to try a dome with: light that is anywhere but where it is wanted dark."""
+"""Content to try a screen with: light that is anywhere but where it is wanted dark."""
 
 import numpy as np
 
 from procam.arrays import Array, BoolArray, Image
+from procam.maths.geometry.canvas import STANDARD
 from procam.maths.geometry.sphere import angles_from_direction, master_directions
+from procam.model.screen import RoomScreen, Screen
 
 HORIZON = np.radians(30.0)
 TREE_SPACING = np.radians(45.0)
@@ -11,14 +13,17 @@ CEILING = np.radians(42.0)
 WINDOW_SPACING = np.radians(50.0)
 
 
-def half_sky(size: int) -> Image:
-    """A bright sky over a darker ground, split by elevation, with black trees: (N, N, 3) linear.
+def half_sky(size: int, screen: Screen | None = None) -> Image:
+    """A bright sky over a darker ground, split by elevation, with black trees: linear light.
 
-    The sky's light falls on the ground by way of the dome; the trees ask for less light than
-    that, which no projector can give.
+    On the canvas (H, W, 3) of a screen, of that width; by default of a dome. The sky's light falls on the
+    ground by way of the screen; the trees ask for less light than that, which no projector can give.
     """
-    direction, inside = master_directions(size)
+    canvas = screen.canvas if screen else STANDARD
+    direction, inside = canvas.directions(size)
     azimuth, elevation = angles_from_direction(direction)
+    if isinstance(screen, RoomScreen):  # whose middle is half way up its walls
+        elevation = elevation + HORIZON
     height = np.clip((elevation - HORIZON) / (np.pi / 2 - HORIZON), 0, 1)[..., None]
     furrow = 0.5 + 0.5 * np.cos(24 * azimuth) * np.cos(elevation / HORIZON * np.pi)
     ground = np.array([0.30, 0.27, 0.20]) * (0.85 + 0.5 * furrow)[..., None]

@@ -69,26 +69,27 @@ class NearVeilFit:
         self._groups = list[tuple[Array, Array]]()
         self._compared = 0
 
-    def add(self, light: Image, dark: BoolArray, share: float) -> None:
+    def add(self, light: Image, dark: BoolArray, share: FloatArray | float) -> None:
         """Add a picture of one projector.
 
         Parameters
         ----------
         light : (H, W) less black, an even veil subtracted. dark : (H, W) sees scattered light alone.
-        share : flux of the picture over that of white.
+        share : scattered light of the picture over that of white, one number or (H, W).
         """
+        each = block_mean(np.broadcast_to(np.float32(share), light.shape), CELL_PX)
         dark = grow(dark, -EDGE_PX)
         known = block_mean(dark.astype(np.float32), CELL_PX)
         use = known > DARK_SHARE
         level = block_mean(np.where(dark, light, 0), CELL_PX) / np.maximum(known, DARK_SHARE)
         shining = np.where(self._seen, np.nan_to_num(light), 0).astype(np.float32)
         cells = block_mean(shining, CELL_PX)
-        # scattered light over the flux share has the weight of that share squared
-        self._weight += use * np.float32(share**2)
-        self._dark += use * np.float32(share) * level
-        self._compared += int(use.sum()) if share > MIN_SHARE else 0
+        # scattered light over its share has the weight of that share squared
+        self._weight += use * each**2
+        self._dark += use * each * level
+        self._compared += int((use & (each > MIN_SHARE)).sum())
         veil = np.stack([use * _spread(cells, spread) for spread in SPREADS])
-        self._veil += np.float32(share) * veil
+        self._veil += each * veil
         self._squares += _products(veil, veil)
         self._products += _products(veil, level)
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from procam.arrays import Array
+from procam.errors import CalibrationError
 from procam.estimate.comparison.common_pixels import (
     CommonPixels,
     common_pixels,
@@ -35,7 +36,7 @@ from procam.model.calibration import Calibration
 from procam.model.photometry import Departure, ResponseCurve, departures
 from procam.model.transport import Measured
 
-SCREEN = ("radius_m", "degree")
+SHAPE = ("radius_m", "degree")
 DRIVES = np.linspace(0, 1, 86)  # every third code
 
 
@@ -163,7 +164,14 @@ def compare_calibrations(first: Calibration, second: Calibration) -> Comparison:
     ------
     NotEnoughData
         If the calibrations share too few pixels of a projector.
+    CalibrationError
+        If their screens are of other kinds.
     """
+    if first.screen.kind != second.screen.kind:
+        raise CalibrationError(
+            f"the screens of these calibrations are a {first.screen.kind} and a {second.screen.kind}, which "
+            "cannot be compared"
+        )
     pairs = {
         name: common_pixels(name, here, second.projectors[name], first.screen.shape.radius_m)
         for name, here in first.projectors.items()
@@ -182,7 +190,7 @@ def compare_calibrations(first: Calibration, second: Calibration) -> Comparison:
         {name: _difference([pair], turn, [bent[name]]) for name, pair in pairs.items()},
         _difference(together, turn, [*bent.values()]),
         [float(v) for v in ARCMIN * rotation_vector(turn)],
-        {name: (getattr(first.screen, name), getattr(second.screen, name)) for name in SCREEN},
+        {n: (getattr(first.screen.shape, n), getattr(second.screen.shape, n)) for n in SHAPE},
         light,
         responses,
         judge_responses(verdict, responses),

@@ -1,6 +1,7 @@
 """The screen as one camera sees it: direction and weight of every pixel, and lenses that it looks into."""
 
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,7 +11,10 @@ from procam.estimate.geometry.screen_points import intersect_screen, screen_poin
 from procam.maths.geometry.lenses import project_before_fold
 from procam.maths.geometry.sphere import normalise
 from procam.model.optics import CameraModel, ProjectorModel
-from procam.model.screen import Screen
+from procam.model.screen import RoomScreen, Screen
+
+if TYPE_CHECKING:
+    from procam.maths.mesh.canvas import MeshCanvas
 
 BAND = 256  # rows at a time, in double precision
 HOUSING_RADIUS_M = (
@@ -35,6 +39,7 @@ class ScreenView:
     on_screen: BoolArray
     weight: Array
     _points: dict[Screen, Image] = field(default_factory=dict, repr=False, compare=False)
+    _faces: "dict[Screen, MeshCanvas]" = field(default_factory=dict, repr=False, compare=False)
 
     @classmethod
     def of(cls, camera: CameraModel, screen: Screen, rays: Array, seen: BoolArray) -> "ScreenView":
@@ -50,7 +55,7 @@ class ScreenView:
     def without(self, covered: BoolArray) -> "ScreenView":
         """The view without the pixels of a mask (H, W)."""
         weight = np.where(covered, 0.0, self.weight)
-        return replace(self, on_screen=self.on_screen & ~covered, weight=weight)
+        return replace(self, on_screen=self.on_screen & ~covered, weight=weight, _faces={})
 
     def points(self, screen: Screen) -> Image:
         """Points (H, W, 3) that the pixels see [m]; computed once, for harmonics of a picture are slow."""
@@ -58,6 +63,13 @@ class ScreenView:
             points = screen_points(screen.shape, self.direction)
             self._points[screen] = points.astype(np.float32)
         return self._points[screen]
+
+    def faces(self, screen: RoomScreen) -> "MeshCanvas":
+        """The room's faces that the pixels see; computed once."""
+        if screen not in self._faces:
+            direction = np.nan_to_num(self.direction)
+            self._faces[screen] = screen.canvas.photograph(direction, self.weight)
+        return self._faces[screen]
 
     def camera_pixels(self, screen: Screen, direction: FloatArray) -> Array:
         """Pixel (..., 2) of the camera that sees the screen in directions (..., 3) from its centre."""

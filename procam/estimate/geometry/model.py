@@ -38,15 +38,20 @@ PUPIL_STEPS = 3  # each gains three digits: pupils move by millimetres, screens 
 
 @dataclass(frozen=True, slots=True)
 class Observations:
-    """Camera pixels (N, 2), the projector pixels (N, 2) that they see, and the latter's `sigma_px` (N,)."""
+    """Camera pixels (N, 2), the projector pixels (N, 2) that they see, and the latter's `sigma_px` (N,).
+
+    They are centres of patches of the panel with edges of `patch_px`; 0 for places that are seen themselves.
+    """
 
     camera_px: Array
     projector_px: Array
     sigma_px: Array
+    patch_px: float = 0.0
 
     def some(self, which: IndexArray | BoolArray | slice) -> "Observations":
         """A subset."""
-        return Observations(self.camera_px[which], self.projector_px[which], self.sigma_px[which])
+        camera_px, projector_px = self.camera_px[which], self.projector_px[which]
+        return Observations(camera_px, projector_px, self.sigma_px[which], self.patch_px)
 
     def thinned(self, most: int) -> "Observations":
         """Every n-th observation, so that between `most` and twice as many remain."""

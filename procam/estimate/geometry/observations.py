@@ -26,4 +26,5 @@ def gather_observations(found: CorrespondenceMap, size: tuple[int, int]) -> Obse
         panel.camera_px[panel.valid].astype(float),
         centres.astype(float),
         panel.sigma_px[panel.valid].astype(float),
+        panel.patch_px,
     )

@@ -23,6 +23,7 @@ from procam.estimate.geometry.adjustment import (
     square_rows,
     systematic_ratio,
 )
+from procam.estimate.geometry.creases import widened_at_creases
 from procam.estimate.geometry.fiducial_checks import check_fiducials
 from procam.estimate.geometry.fiducials import rotated_to_fiducials
 from procam.estimate.geometry.model import (
@@ -40,6 +41,7 @@ from procam.estimate.geometry.start import (
     resect_projectors,
 )
 from procam.maths.geometry.ray_to_screen import shape_coefficient_count
+from procam.maths.mesh.shape import MeshShape
 from procam.maths.statistics import robust_sigma_2d
 from procam.model.optics import CameraModel, Distance, Fiducial, ProjectorModel
 
@@ -55,6 +57,7 @@ MAX_SPHERE_RATIO = 1.5  # systematic ratio up to which the screen counts as a sp
 BENT = 1.5
 DEGREES = (6, 8)  # of harmonics, in turn; lower ones explain little of a dome made of panels
 NOT_SQUARE = 4.0  # standard errors by which panels' pixels must differ from squares
+MOVES = 1e-6  # of a freedom's parameters [rad, relative], from which a camera moves with it
 EXPLAINS = 0.9  # harmonics are kept if they reduce the systematic ratio to this share
 # with one camera, to which a lens that is not of the fitted kind looks like a deformation: deformations
 # leave 0.25 to 0.45 of the ratio, and lenses that ripple by 0.1 px leave 0.8 or more
@@ -94,6 +97,17 @@ class GeometrySolution:
         return self.rig.cameras[self.main]
 
     @property
+    def gauge_freedoms(self) -> int:
+        """How many of the freedoms move a camera: the rig may turn, or grow, and nothing shows it.
+
+        The others are within one projector, whose light falls on a plane: pose and lens are then not known
+        apart, and places do not depend on it.
+        """
+        cameras = ParameterLayout.of(self.rig).cameras.values()
+        moves = np.concatenate([self.freedoms[:, columns] for columns in cameras], axis=1)
+        return int((np.linalg.svd(moves, compute_uv=False) > MOVES).sum())
+
+    @property
     def projectors(self) -> Mapping[str, ProjectorModel]:
         """The projectors by name."""
         return self.rig.projectors
@@ -113,21 +127,30 @@ def solve_geometry(problem: RigProblem) -> GeometrySolution:
         If there is no solution, or fiducials contradict each other.
     """
     _check_finite(problem.observations)
-    few = {pair: some.thinned(FEW) for pair, some in problem.observations.items()}
+    few = _thinned(problem.observations)
     rig = _fitted(problem, few, _in_place(problem, few))
+    observations = widened_at_creases(rig, problem.observations)
+    if isinstance(rig.shape, MeshShape):
+        few = _thinned(observations)
+        rig = _fitted(problem, few, rig)
     on_sphere = _mean_ratio(rig, few)
     rig = _with_harmonics(problem, few, rig) if problem.shape.is_sphere else rig
-    used = problem.observations
+    used = observations
     if not rig.shape.is_sphere:
         used = {pair: some.thinned(MOST_NOT_SPHERE) for pair, some in used.items()}
     rig, last = _last_fit(problem, agreeing(rig, used), rig)
     check_fiducials(rig, problem.fiducials, problem.distances, rough=on_sphere > MAX_SPHERE_RATIO)
-    seen = agreeing(rig, problem.observations, GROSS_SIGMAS)
+    seen = agreeing(rig, observations, GROSS_SIGMAS)
     covariance, freedoms, scales = last.uncertainty(rig)
     errors = {pair: residuals(rig, pair, some) for pair, some in seen.items()}
     rig = with_covariances(rig, covariance)
     main = by_most_seen(rig.cameras, seen)[0]
     return GeometrySolution(rig, covariance, seen, errors, scales, freedoms, on_sphere, main)
+
+
+def _thinned(seen: Mapping[Pair, Observations]) -> dict[Pair, Observations]:
+    """A few observations of each pair, for the first fits."""
+    return {pair: some.thinned(FEW) for pair, some in seen.items()}
 
 
 def _last_fit(

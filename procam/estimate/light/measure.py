@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from procam.arrays import Array, BoolArray, Image, IndexArray
+from procam.arrays import BoolArray, Image, IndexArray
 from procam.errors import OutOfModelRange
 from procam.estimate.camera.linearity import Linearity, linearity_error
 from procam.estimate.geometry.camera_view import ScreenView
@@ -18,7 +18,6 @@ from procam.estimate.light.scatter_kernel import ScatterCells, ScatterSample
 from procam.estimate.light.separation import (
     MAX_BLUR,
     OVERSHOOT,
-    PictureFlux,
     SeparatedLight,
     Separation,
 )
@@ -99,19 +98,18 @@ class _Separated:
     """Light of white by its stripes; the flux of pictures, and what of the stripes is needed later."""
 
     light: SeparatedLight
-    flux: PictureFlux
     clear_px: int
     overshoot: float
 
 
 def _separated(
-    images: ProjectorImages, solid_sr: Array, sight: CameraSight, checks: StabilityChecks | None
+    images: ProjectorImages, sight: CameraSight, checks: StabilityChecks | None
 ) -> _Separated:
     """Split a projector's white by its stripes; `checks` take these too, unless a server draws them.
 
     A server draws edges in greys, so that its stripes do not add up to white.
     """
-    separation = Separation(sight.white, sight.panel, sight.lit, solid_sr, sight.maybe_lit)
+    separation = Separation(sight.white, sight.panel, sight.lit, sight.flux, sight.maybe_lit)
     for pair in images.stripes:
         pattern, inverse = pair.lights(sight.base)
         separation.add_pair(pair.axis, pair.bit, pattern, inverse)
@@ -121,7 +119,7 @@ def _separated(
         del pattern, inverse  # before the next are read
     _check_blur(separation.blur, images.name)
     clear_px = separation.clear_px
-    return _Separated(separation.result(), separation.flux, clear_px, separation.overshoot)
+    return _Separated(separation.result(), clear_px, separation.overshoot)
 
 
 def _measured(
@@ -130,8 +128,8 @@ def _measured(
     """The light of white, split and fitted; of a server (`coarse` > 0) that of pictures of levels too."""
     solid_sr, levels = view.weight, list[Step]()
     checks = StabilityChecks(sight.white, view.on_screen & ~sight.unpatterned, images.step)
-    separated = _separated(images, solid_sr, sight, None if coarse else checks)
-    light, flux = separated.light, separated.flux
+    separated = _separated(images, sight, None if coarse else checks)
+    light, flux = separated.light, sight.flux
 
     def direct_part(picture: Picture) -> Image:
         shown = picture.light()

@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 from procam.arrays import BoolArray, Image
+from procam.estimate.light.picture_flux import PictureFlux
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,6 +84,7 @@ class CameraSight:
     unpatterned : (H, W) sees no pattern, because of a shot mark or a glint of the lens.
     unknown : (H, W) should see it, and is too dark to decide whether it does.
     white, base : (H, W, 3) white less the base; black and room light at white's exposure.
+    flux : of pictures over that of white.
     shot_ids_share : share of the panel that its pictures' numbers take.
     """
 
@@ -94,4 +96,5 @@ class CameraSight:
     unknown: BoolArray
     white: Image
     base: Image
+    flux: PictureFlux
     shot_ids_share: float

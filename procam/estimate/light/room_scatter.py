@@ -14,22 +14,17 @@ import numpy as np
 from procam.arrays import Array, BoolArray, Image
 from procam.errors import OutOfModelRange
 from procam.estimate.geometry.camera_view import ScreenView
+from procam.estimate.light.room_view import RoomView, settled
 from procam.estimate.light.separation import SeparatedLight
-from procam.maths.fixed_point import fixed_point
-from procam.maths.mesh.compressed import CompressedFactors
 from procam.maths.warp import sample
-from procam.model.provenance import Note
 from procam.model.screen import RoomScreen
 from procam.model.transport import Measured
 
 BRIGHTEST = 0.98  # albedo
 SEEN_OF_LIT = 0.5  # of the area of lit parts that the camera must see
-SEEN = 0.3  # of a face's area that the camera must see, for its light to be measured
-TOLERANCE = 1e-5  # of the brightest irradiance
-# relative, of the albedo: dark halves of wide stripes lack light where another wall is near, which makes it
-# 2 to 4 % low for panels of 640 px, 9 % for 480 px (docs/decisions/light.md)
-STRIPES_SIGMA = 0.05
-MODEL_SIGMA = 0.003  # relative, of the albedo: light within a face is not uniform
+# relative, of the albedo: stripes are not uniform within a face, which matters beside another wall; 0.6 %
+# for panels of 640 px (docs/decisions/light.md)
+MODEL_SIGMA = 0.007
 OTHERS_SIGMA = 0.05  # relative, of the albedo of a part that is not lit
 SINGLE_SIGMA = 0.01  # relative, of the albedo from one projector alone
 
@@ -53,24 +48,6 @@ class RoomScatter:
     albedo: Measured
 
 
-class _Seen:
-    """Faces as the camera sees them."""
-
-    def __init__(self, screen: RoomScreen, view: ScreenView, count: int, area: Array) -> None:
-        face = screen.canvas.faces(np.nan_to_num(view.direction))
-        self._used = view.on_screen & (face >= 0) & (view.weight > 0)
-        self._face, self._weight = face[self._used], view.weight[self._used]
-        self._total = np.bincount(self._face, self._weight, count)
-        self.known: BoolArray = self._total > SEEN * area
-
-    def mean(self, picture: Image) -> Array:
-        """Means (F, C) of a picture (H, W, C) over the faces; 0 where they are not seen."""
-        light = np.nan_to_num(picture[self._used]) * self._weight[:, None]
-        sums = [np.bincount(self._face, c, len(self._total)) for c in light.T]
-        means = np.stack(sums, axis=1) / np.maximum(self._total, 1e-30)[:, None]
-        return means * self.known[:, None]
-
-
 def measure_room(
     screen: RoomScreen,
     view: ScreenView,
@@ -91,16 +68,17 @@ def measure_room(
     OutOfModelRange
         If the camera sees too little of the lit parts.
     """
-    factors = screen.factors
-    seen = _Seen(screen, view, len(factors.area), factors.area)
+    factors, seen = screen.factors, RoomView(screen, view)
     lit = np.isin(np.arange(len(factors.area)), screen.canvas.lit_faces)
     _check_seen(
         view.camera.name, float(factors.area[lit][seen.known[lit]].sum() / factors.area[lit].sum())
     )
     pairs = [(seen.mean(light.direct), seen.mean(light.scattered)) for light in lights]
     stated = screen.stated_albedo
-    ratio = _Ratios(factors, pairs, seen.known, lit, stated[:, 0])
-    albedo = _with_sigma(ratio, factors.area, stated[:, 1], _veil(view, lights, factors, pairs))
+    ratio = _Ratios(seen, pairs, lit, stated[:, 0])
+    albedo = _with_sigma(
+        ratio, factors.area, stated[:, 1], _veil(view, lights, factors.area, pairs)
+    )
     faces = np.where(seen.known[:, None], ratio.of_faces(), stated[:, :1])
     faces[lit & ~seen.known] = albedo.value
     faces = np.clip(faces, 0, BRIGHTEST)
@@ -123,44 +101,15 @@ def measure_room(
     )
 
 
-def low_albedo_note() -> Note:
-    """What a room's calibration must say of its albedo."""
-    text = (
-        "light between wide stripes is measured too low beside other lit walls, so the albedo may be some "
-        "percent low, and as much of the scattered light stays; its interval includes that. Projectors of "
-        "more pixels have narrower stripes"
-    )
-    return Note("low albedo", "", text)
-
-
-def settled(factors: CompressedFactors, albedo: Array, direct: Array) -> Array:
-    """Irradiance (F, C) after all bounces, of direct light (F, C) and an albedo (F, C)."""
-
-    def step(irradiance: Array) -> Array:
-        return factors.gather(direct + albedo * irradiance).astype(float)
-
-    return np.asarray(fixed_point(step, np.zeros(direct.shape), TOLERANCE), float)
-
-
 class _Ratios:
     """Scattered light over irradiance, face by face, of each projector."""
 
     def __init__(
-        self,
-        factors: CompressedFactors,
-        pairs: list[tuple[Array, Array]],
-        known: BoolArray,
-        lit: BoolArray,
-        stated: Array,
+        self, room: RoomView, pairs: list[tuple[Array, Array]], lit: BoolArray, stated: Array
     ) -> None:
-        self._factors, self._pairs, self._known, self._stated = factors, pairs, known, stated
-        self.use = lit & known
-        self.irradiances = [self.irradiance(pair, stated) for pair in pairs]
-
-    def irradiance(self, pair: tuple[Array, Array], stated: Array) -> Array:
-        """E = F (D + G) (F, C); what is not seen reflects by its stated albedo (F,)."""
-        unseen = np.where(self._known, 0.0, stated)[:, None]
-        return settled(self._factors, unseen * np.ones((1, 3)), np.sum(pair, axis=0))
+        self._room, self._pairs, self._stated = room, pairs, stated
+        self.use = lit & room.known
+        self.irradiances = [room.arriving(np.sum(pair, axis=0), stated) for pair in pairs]
 
     def irradiance_of_all(self) -> Array:
         """E (F, C) of all projectors' whites together."""
@@ -180,7 +129,8 @@ class _Ratios:
     def together(self, area: Array, stated: Array | None = None) -> Array:
         """Mean albedo (C,) of the lit parts, by all projectors."""
         pair = tuple(np.sum(part, axis=0) for part in zip(*self._pairs, strict=True))
-        irradiance = self.irradiance(pair, self._stated if stated is None else stated)
+        stated = self._stated if stated is None else stated
+        irradiance = self._room.arriving(np.sum(pair, axis=0), stated)
         weight = area[self.use, None]
         return np.asarray(
             (weight * pair[1][self.use]).sum(axis=0) / (weight * irradiance[self.use]).sum(axis=0)
@@ -194,21 +144,21 @@ def _with_sigma(ratio: _Ratios, area: Array, stated_sigma: Array, veil: Array) -
     few = len(each) < 2
     spread = SINGLE_SIGMA * value if few else each.std(axis=0, ddof=1) / np.sqrt(len(each))
     by_others = ratio.together(area, ratio._stated + stated_sigma) - value
-    parts = (spread, by_others, veil, MODEL_SIGMA * value, STRIPES_SIGMA * value)
+    parts = (spread, by_others, veil, MODEL_SIGMA * value)
     return Measured(value, np.sqrt(np.sum(np.square(parts), axis=0)))
 
 
 def _veil(
     view: ScreenView,
     lights: Collection[SeparatedLight],
-    factors: CompressedFactors,
+    area: Array,
     pairs: list[tuple[Array, Array]],
 ) -> Array:
     """Standard error (C,) of the albedo by the camera's glare, which adds to all scattered light."""
     on = view.on_screen
     mean = sum(np.nan_to_num(each.direct + each.scattered)[on].mean(axis=0) for each in lights)
-    arriving = sum((factors.area[:, None] * (d + g)).sum(axis=0) for d, g in pairs)
-    return np.asarray(view.camera.sensor.glare_sigma * mean / (arriving / factors.area.sum()))
+    arriving = sum((area[:, None] * (d + g)).sum(axis=0) for d, g in pairs)
+    return np.asarray(view.camera.sensor.glare_sigma * mean / (arriving / area.sum()))
 
 
 def _local_albedo(

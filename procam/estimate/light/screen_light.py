@@ -11,7 +11,7 @@ from procam.estimate.light.dome_scatter import measure_scatter
 from procam.estimate.light.floor_albedo import floor_notes, flux_notes
 from procam.estimate.light.map_pixels import MapPixels
 from procam.estimate.light.measurement import ProjectorMeasurement
-from procam.estimate.light.room_scatter import low_albedo_note, measure_room
+from procam.estimate.light.room_scatter import measure_room
 from procam.estimate.light.spots import spot_notes
 from procam.estimate.light.unknown_vignetting import vignetting_notes
 from procam.maths.warp import sample
@@ -112,6 +112,4 @@ def _of_room(
     lights = ContentLight(measured, content_from_camera).values()
     found = measure_room(screen, placed.view, lights, pixels.white.light, pixels.coverage)
     maps, values = (found.per_flux, found.albedo_map), (found.feedback, found.albedo)
-    return ScreenLight(
-        found.screen, *maps, ScatterKernel.scalar(), *values, [low_albedo_note()], {}
-    )
+    return ScreenLight(found.screen, *maps, ScatterKernel.scalar(), *values, [], {})

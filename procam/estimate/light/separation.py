@@ -12,6 +12,7 @@ import numpy as np
 
 from procam.arrays import Array, BoolArray, FloatArray, Image
 from procam.estimate.light.edge_overshoot import EdgeOvershoot
+from procam.estimate.light.picture_flux import PictureFlux
 from procam.maths.codes.gray import is_bright, stripe_edge_distance
 from procam.maths.warp import blur_within, grow
 
@@ -23,7 +24,7 @@ CLEAR_PX, CLEAR_SIGMAS, CLEAR_SHARE = 3.0, 4.0, 0.75
 MAX_BLUR = 2.5
 OVERSHOOT = 0.02  # of unsharpened edges it is below 0
 LEAST_SHARE = 0.5  # of the direct light of white that is left when scattered light is taken away
-GREEN = 1
+GREEN, LEAST = 1, 1e-6
 EDGE_REACH = 5.0  # how far from an edge its blur is measured [pixel extents]
 MIN_SLOPE = 0.05  # of a projector's coordinate over a camera pixel [projector px]
 EXTENT_BLUR_PX = 2.0  # Gaussian sigma; fills in for pixels beside a hole
@@ -57,35 +58,13 @@ class SeparatedLight:
         return np.where(inside[..., None], self.direct, beyond)
 
 
-class PictureFlux:
-    """Flux of pictures on the screen, in all and over that of white (H, W, 3).
-
-    `solid_sr` (H, W) is the solid angle of the camera pixels [sr]; 0 off the screen.
-    """
-
-    def __init__(self, solid_sr: FloatArray, white: Image) -> None:
-        self.solid_sr = solid_sr.astype(np.float32)
-        self._white = self.total(white)
-
-    def total(self, light: Image) -> Array:
-        """Flux (C,) on the screen [radiance sr]; saturated pixels count as 0."""
-        total = np.tensordot(self.solid_sr, light, 2).astype(float)
-        if not np.isfinite(total).all():
-            total = np.tensordot(self.solid_sr, np.nan_to_num(light), 2).astype(float)
-        return total
-
-    def share(self, light: Image) -> Array:
-        """Flux (3,) of a picture over that of white; the same ratio holds for the direct flux."""
-        return self.total(light) / self._white
-
-
 class Separation:
     """Running direct/global separation of one projector; memory does not grow with its pictures.
 
     Parameters
     ----------
     white : (H, W, 3) white less black. projector_xy : (H, W, 2), NaN outside the panel.
-    lit : (H, W) its picture's pixels. solid_angle_sr : (H, W) of the camera pixels; 0 off the screen.
+    lit : (H, W) its picture's pixels. flux : of its pictures.
     maybe_lit : (H, W) others that may see its picture, so that scattered light is not measured there.
 
     Attributes
@@ -93,7 +72,6 @@ class Separation:
     blur : largest blur of the stripes' edges so far, a standard deviation in pixel extents: the size
         of a camera and a projector pixel together (root of the sum of squares). Above `MAX_BLUR` the
         result is not usable.
-    flux : of pictures.
     dark_weight : (H, W) statistical weight of the scattered light so far; 0 where it is interpolated.
     """
 
@@ -102,14 +80,13 @@ class Separation:
         white: Image,
         projector_xy: Image,
         lit: BoolArray,
-        solid_angle_sr: Array,
+        flux: PictureFlux,
         maybe_lit: BoolArray | None = None,
     ) -> None:
         usable = np.isfinite(white).all(axis=-1)
         # pixels on an edge of the finest stripes do not decode, but they are lit
         lit = grow(grow(lit, HOLE_PX), -HOLE_PX)
-        self.flux = PictureFlux(np.where(usable, solid_angle_sr, 0), white)
-        on_screen = self.flux.solid_sr > 0
+        self._flux, on_screen = flux, flux.weight > 0
         self._xy = projector_xy
         self._extent = [_pixel_extent(projector_xy[..., i]) for i in range(2)]
         self._white, self.blur, self._edges = white, 0.0, EdgeOvershoot()
@@ -151,7 +128,10 @@ class Separation:
         self.blur = max(self.blur, np.nan_to_num(measured))
         bright = is_bright(np.rint(np.nan_to_num(self._xy[..., which])).astype(np.int32), bit)
         away_px = distance / np.sqrt(np.maximum(extent**2 - 1, MIN_SLOPE**2))
-        self._edges.add(self._direct_green(pattern, inverse, bright), away_px, self._inside)
+        shares = [self._flux.share(picture) for picture in (pattern, inverse)]
+        surplus, both = ((shares[0] - shares[1])[..., GREEN], (shares[0] + shares[1])[..., GREEN])
+        direct = self._direct_green(pattern, inverse, bright, surplus)
+        self._edges.add(direct, away_px, self._inside)
         reach = np.minimum(CLEAR_SIGMAS * self.blur * extent, CLEAR_SHARE * 2.0**bit)
         with np.errstate(invalid="ignore"):
             near_edge = distance <= np.maximum(CLEAR_PX, reach)
@@ -160,10 +140,10 @@ class Separation:
         for picture in (pattern, inverse):
             np.add(self._sum, picture, out=self._sum, where=sound[..., None])
         self._count += sound
-        self._shares += sound * np.float32((self.flux.share(pattern) + self.flux.share(inverse))[1])
+        self._shares += sound * np.float32(both)
         clear = self._inside & sound & np.isfinite(self._xy[..., which])
-        self._add_dark(pattern, (clear & ~bright) | self._outside)
-        self._add_dark(inverse, (clear & bright) | self._outside)
+        self._add_dark(pattern, (clear & ~bright) | self._outside, shares[0])
+        self._add_dark(inverse, (clear & bright) | self._outside, shares[1])
         return clear & ~bright, clear & bright
 
     def _edge_blur(
@@ -192,28 +172,29 @@ class Separation:
         ]
         return float(np.sqrt(np.pi / 2) * reach[near].mean() * (1 - share[0] / share[1]).max())
 
-    def _direct_green(self, pattern: Image, inverse: Image, bright: BoolArray) -> FloatArray:
-        """Direct green light (H, W) of white, from a pair whose fluxes and scattered light may differ.
+    def _direct_green(
+        self, pattern: Image, inverse: Image, bright: BoolArray, surplus: FloatArray
+    ) -> FloatArray:
+        """Direct green light (H, W) of white; scattered light of the pair differs by `surplus` of white's.
 
         NaN where its stripes hold most of the flux, so that the unevenness of scattered light outweighs it.
         """
-        surplus = float((self.flux.share(pattern) - self.flux.share(inverse))[GREEN])
         direct = pattern[..., GREEN] - inverse[..., GREEN] - surplus * self._white[..., GREEN]
         share = np.where(bright, 1 - surplus, -1 - surplus)
         share[np.abs(share) < LEAST_SHARE] = np.nan
         return np.asarray(direct / share, np.float32)
 
-    def _add_dark(self, light: Image, dark: BoolArray) -> None:
-        share = self.flux.share(light)
-        weight = share[1] ** 2  # one weight for all channels, whose shares differ little
-        for channel, factor in enumerate((weight / share).astype(np.float32)):
+    def _add_dark(self, light: Image, dark: BoolArray, share: FloatArray) -> None:
+        weight = share[..., GREEN] ** 2  # one weight for all channels, whose shares differ little
+        for channel in range(light.shape[-1]):
             total = self._dark_sum[..., channel]
+            factor = np.float32(weight / np.maximum(share[..., channel], LEAST))
             np.add(total, factor * light[..., channel], out=total, where=dark)
         self.dark_weight += dark * np.float32(weight)
 
     def result(self) -> SeparatedLight:
         """Direct and scattered light from all pairs; none can be added after it, to save memory."""
-        on_screen = self.flux.solid_sr > 0
+        on_screen = self._flux.weight > 0
         known = (self.dark_weight > 0) & on_screen & np.isfinite(self._dark_sum).all(axis=-1)
         border = grow(self._inside, 2 + self.clear_px) & ~self._inside
         known &= ~border
@@ -228,7 +209,7 @@ class Separation:
         direct -= self._shares[..., None] * scattered
         direct /= self._count[..., None]
         direct[~near] = 0
-        return SeparatedLight(direct, scattered, self.flux.total(direct), self._inside)
+        return SeparatedLight(direct, scattered, self._flux.total(direct), self._inside)
 
 
 def _pixel_extent(coordinate: FloatArray) -> FloatArray:

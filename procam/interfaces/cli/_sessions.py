@@ -33,14 +33,9 @@ def load_dome_venue(directory: Path, command: str) -> Venue:
     return venue
 
 
-def keep_report(venue: Path) -> Path | None:
-    """Write the pictures of the calibration in use, and the report that shows them; returns its path.
-
-    None for a room, of which there is no report yet.
-    """
+def keep_report(venue: Path) -> Path:
+    """Write the pictures of the calibration in use, and the report that shows them; returns its path."""
     return_buffers()  # of the solve, which took more
-    if not isinstance(load_venue(venue).screen, Dome):
-        return None
     _keep_pictures(venue)
     return_buffers()  # the report reads the calibration again, when this one is gone
     return write_report(venue)
@@ -48,7 +43,7 @@ def keep_report(venue: Path) -> Path | None:
 
 def _keep_pictures(venue: Path) -> None:
     calibration = load_calibration(calibration_in_use(venue))
-    keep_pictures(venue, calibration, half_sky(calibration.maps.size))
+    keep_pictures(venue, calibration, half_sky(calibration.maps.size, calibration.screen))
 
 
 def keep_refined(directory: Path, kept: Path, refined: Refined, output: Output) -> Path:

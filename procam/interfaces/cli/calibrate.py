@@ -20,7 +20,6 @@ def calibrate(venue: VenueArgument, json: Json = False) -> None:
         solved = output.follow(solve(loaded, session))
         report = _sessions.keep_report(venue)
     written = solved.directory
-    output.say(f"{written}{f' and {report}' if report else ''} written")
+    output.say(f"{written} and {report} written")
     notes = output.notes(load_calibration(written), solved.compared)
-    shown = {"report": str(report)} if report else {}
-    output.finish({"calibration": str(written), **shown, "notes": notes})
+    output.finish({"calibration": str(written), "report": str(report), "notes": notes})

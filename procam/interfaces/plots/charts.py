@@ -1,4 +1,4 @@
-"""Dome pictures, colour scales and charts of a report, as PNG data addresses."""
+"""Pictures on a screen's canvas, colour scales and charts of a report, as PNG data addresses."""
 
 import base64
 import io
@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.arrays import Array, FloatArray
+from procam.arrays import Array, BoolArray, FloatArray
 from procam.interfaces.plots.figure import (
     CHANNELS,
     INK,
@@ -21,9 +21,9 @@ from procam.interfaces.plots.figure import (
     require_matplotlib,
     title_axes,
 )
-from procam.maths.geometry.sphere import master_pixels
 from procam.maths.light.curves import srgb_encode
 from procam.model.photometry import ResponseCurve
+from procam.model.screen import ContentCanvas
 
 Pixels = NDArray[np.uint8]
 Colours = Sequence[tuple[int, int, int]]
@@ -77,43 +77,43 @@ class Scale:
         colours = require_matplotlib().colormaps[name](np.linspace(0, 1, 256))
         return np.asarray(np.rint(np.asarray(colours)[:, :3] * 255), np.uint8)
 
-    def paint(self, values: FloatArray) -> str:
-        """A dome master (N, N), or (N, N, 3) light, as a PNG data address; NaN is grey."""
+    def paint(self, values: FloatArray, inside: BoolArray) -> str:
+        """A picture (H, W), or (H, W, 3) light, as `screen_png`; NaN is grey."""
         known = np.isfinite(values)
         codes = np.rint(self.position(np.where(known, values, self.low)) * 255).astype(np.uint8)
         colours = codes if values.ndim == 3 else self._table()[codes]
         shown = np.broadcast_to(known if values.ndim == 3 else known[..., None], colours.shape)
-        return dome_png(np.where(shown, colours, np.array(UNKNOWN, np.uint8)))
+        return screen_png(np.where(shown, colours, np.array(UNKNOWN, np.uint8)), inside)
 
 
-def paint_categories(codes: NDArray[np.integer], colours: Colours) -> str:
-    """A dome master (N, N) of indices into `colours` as a PNG data address."""
-    return dome_png(np.array(colours, np.uint8)[np.clip(codes, 0, len(colours) - 1)])
+def paint_categories(codes: NDArray[np.integer], colours: Colours, inside: BoolArray) -> str:
+    """A picture (H, W) of indices into `colours`, as `screen_png`."""
+    return screen_png(np.array(colours, np.uint8)[np.clip(codes, 0, len(colours) - 1)], inside)
 
 
-def dome_png(rgb: Pixels) -> str:
-    """A dome master (N, N, 3) as a PNG data address, transparent outside the circle."""
+def screen_png(rgb: Pixels, inside: BoolArray) -> str:
+    """A picture (H, W, 3) on a canvas as a PNG data address, transparent where it is not `inside` (H, W)."""
     from matplotlib.image import imsave  # noqa: PLC0415
 
-    offset = (np.arange(len(rgb)) - (len(rgb) - 1) / 2) / (len(rgb) / 2)
-    inside = np.hypot(*np.meshgrid(offset, offset)) <= 1
     rgba = np.dstack([np.where(inside[..., None], rgb, 0), inside * np.uint8(255)])
     buffer = io.BytesIO()
     imsave(buffer, rgba, format="png", pil_kwargs={"compress_level": 4})
     return _address(buffer.getvalue())
 
 
-def on_dome(direction: FloatArray, values: FloatArray, size: int) -> Array:
-    """Mean of `values` (K,) per pixel of a dome master of `size`; NaN where none falls.
+def on_canvas(canvas: ContentCanvas, direction: FloatArray, values: FloatArray, size: int) -> Array:
+    """Mean of `values` (K,) per pixel (H, W) of a picture of that width; NaN where none falls.
 
-    `direction` (K, 3) are unit vectors from the dome's centre.
+    `direction` (K, 3) are unit vectors from the screen's origin.
     """
-    where = np.rint(master_pixels(direction.astype(float), size)).astype(int)
-    index = np.clip(where[:, 1], 0, size - 1) * size + np.clip(where[:, 0], 0, size - 1)
-    count = np.bincount(index, minlength=size * size)
-    total = np.bincount(index, weights=values, minlength=size * size)
+    rows, columns = shape = canvas.shape(size)
+    x, y = np.rint(canvas.pixels(direction.astype(float), size)).astype(int).T
+    on = (x >= 0) & (y >= 0) & (x < columns) & (y < rows)
+    index = y[on] * columns + x[on]
+    count = np.bincount(index, minlength=rows * columns)
+    total = np.bincount(index, weights=values[on], minlength=rows * columns)
     mean = np.where(count > 0, total / np.maximum(count, 1), np.nan)
-    return np.asarray(mean.reshape(size, size))
+    return np.asarray(mean.reshape(shape))
 
 
 def response_chart(name: str, curve: ResponseCurve) -> str:

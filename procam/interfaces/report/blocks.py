@@ -1,19 +1,23 @@
-"""The parts of a report: rows of dome pictures, charts, tables, sentences."""
+"""The parts of a report: rows of pictures of the screen, charts, tables, sentences."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from procam.arrays import FloatArray
-from procam.interfaces.plots.charts import Scale
+from procam.interfaces.plots.charts import Scale, paint_categories
+from procam.interfaces.plots.figure import Colour, css_colour
 from procam.interfaces.report.data import Material
+
+Legend = Sequence[tuple[Colour, str]]
 
 
 @dataclass(frozen=True, slots=True)
-class DomePicture:
-    """One dome master to show, with its title."""
+class ScreenPicture:
+    """One picture on the screen's canvas, with its title."""
 
     title: str
     image: str
@@ -21,18 +25,18 @@ class DomePicture:
 
 @dataclass(frozen=True, slots=True)
 class Group:
-    """Dome masters that share one colour scale or one legend of (colour, text)."""
+    """Pictures that share one colour scale or one legend of (colour, text)."""
 
-    domes: list[DomePicture]
+    pictures: list[ScreenPicture]
     scale: Scale | None = None
     legend: list[tuple[str, str]] = field(default_factory=list)
 
 
 @dataclass(frozen=True, slots=True)
-class Domes:
-    """A row of dome masters."""
+class Pictures:
+    """A row of pictures of the screen."""
 
-    kind: ClassVar[str] = "domes"
+    kind: ClassVar[str] = "pictures"
     groups: list[Group]
     caption: str
     dark: bool = False
@@ -78,7 +82,7 @@ class Text:
         return "missing" if self.missing else ""
 
 
-Block = Domes | Charts | Table | Text
+Block = Pictures | Charts | Table | Text
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,6 +129,19 @@ def brightness(top: float) -> Scale:
     return Scale("light, 1 = white", 0.0, top, "light")
 
 
-def painted(pictures: Mapping[str, FloatArray], scale: Scale) -> Group:
-    """Dome masters by title on one scale."""
-    return Group([DomePicture(t, scale.paint(p)) for t, p in pictures.items()], scale)
+def painted(material: Material, pictures: Mapping[str, FloatArray], scale: Scale) -> Group:
+    """Pictures (H, W) or (H, W, 3) by title on one scale."""
+    shown = {t: scale.paint(p, material.inside(p.shape[1])) for t, p in pictures.items()}
+    return Group([ScreenPicture(*each) for each in shown.items()], scale)
+
+
+def categories(
+    material: Material, pictures: Mapping[str, NDArray[np.integer]], legend: Legend
+) -> Group:
+    """Pictures (H, W) by title, of indices into the colours of a legend."""
+    colours = [colour for colour, _ in legend]
+    shown = {
+        t: paint_categories(p, colours, material.inside(p.shape[1])) for t, p in pictures.items()
+    }
+    entries = [(css_colour(colour), text) for colour, text in legend]
+    return Group([ScreenPicture(*each) for each in shown.items()], None, entries)

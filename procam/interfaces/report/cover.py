@@ -23,7 +23,7 @@ WHITE_SHARES = (0.1, 0.25, 0.5, 0.75)
 ORIGINS = {"input_sha256": "Fingerprint of the captures (SHA-256)", "versions": "Software"}
 PHOTOGRAPHED = (
     "Cameras photographed coded patterns of each projector, from which the direction of every projector "
-    "pixel was solved, seen from the middle of the dome."
+    "pixel was solved, seen from the middle of the {word}."
 )
 SERVED = (
     "The media server's picture was taken as aligned, so the directions of its pixels are known; cameras "
@@ -31,7 +31,7 @@ SERVED = (
 )
 LIGHT = (
     "From photographs of white, black and single colours came the light of each projector, and how much of "
-    "it the dome scatters back onto itself."
+    "it the {word} scatters back onto itself."
 )
 REMOVED = (
     "procam computes pictures whose direct light is less by the light that will be scattered, so that both "
@@ -46,7 +46,8 @@ SIZES = {
 def method(material: Material) -> str:
     """The method in three sentences."""
     served = material.venue is not None and is_served(material.venue)
-    return " ".join([SERVED if served else PHOTOGRAPHED, LIGHT, REMOVED])
+    text = " ".join([SERVED if served else PHOTOGRAPHED, LIGHT, REMOVED])
+    return text.format(word=material.word)
 
 
 def is_served(venue: Venue) -> bool:
@@ -72,7 +73,8 @@ def facts(material: Material) -> Iterator[tuple[str, str]]:
         for name, projector in material.venue.table.projectors.items():
             yield f"Projector {name}", _device(projector)
     if material.calibration:
-        yield "Checked from another seat", _checked(material)
+        if material.is_dome:
+            yield "Checked from another seat", _checked(material)
         yield "Calibrated with", _versions(material.calibration.provenance.versions)
     yield "Report written with", f"procam {version('procam')}, Python {platform.python_version()}"
 

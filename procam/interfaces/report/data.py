@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from procam.arrays import Array, BoolArray, FloatArray, Image
 from procam.errors import FileFormatError, InputError
@@ -16,19 +15,19 @@ from procam.files.calibration import load_calibration
 from procam.files.images.layers import RGB, read_channels
 from procam.files.venue.load import Venue, load_venue
 from procam.files.versions import calibration_in_use, list_calibrations
-from procam.interfaces.plots.charts import on_dome
+from procam.interfaces.plots.charts import on_canvas
+from procam.interfaces.report.before_after import WHOLE, BeforeAfter, Limits
 from procam.interfaces.report.stored_loop import StoredLoop, read_loop
-from procam.maths.geometry.sphere import master_directions, master_pixels, master_solid_angles
+from procam.maths.geometry.canvas import STANDARD
 from procam.maths.warp import block_mean, sample
 from procam.model.calibration import Calibration
 from procam.model.correspondence import ProjectorSurface
+from procam.model.screen import ContentCanvas, Dome
 from procam.workflows.other_seat import SeatCheck, check_from_other_seat
 
 SIMULATED = "simulated"  # the backend of simulated venues
-SHOWN = 450  # edge of a picture in the report, about [px]
-JUDGED = 256  # edge of the patches that errors are averaged over, in patches
-POINTS = 1_200_000  # most projector pixels that are drawn on a dome map
-WHOLE = 0.999  # share from which a patch counts as lit, or as free of limits
+SHOWN = 450  # width of a picture in the report, about [px]
+POINTS = 1_200_000  # most projector pixels that are drawn on a map
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,52 +41,13 @@ class Truth:
 
 
 @dataclass(frozen=True, slots=True)
-class BeforeAfter:
-    """A picture before and after compensation and its target, all (N, N, 3) [rel].
-
-    `free` (N, N, 3) is the share of each patch where no limit holds. `source` of `before` and `after`:
-    simulator, camera or prediction.
-    """
-
-    before: Image
-    after: Image
-    target: Image
-    free: Image
-    coverage: Image
-    source: str
-
-    def error_rms(self) -> tuple[float, float]:
-        """Difference from the target before and after, where no limit holds [rel]."""
-        size = max(1, len(self.target) // JUDGED)
-        small = [block_mean(p, size) for p in (self.before, self.after, self.target, self.free)]
-        whole = (small[3] > WHOLE) & (block_mean(self.coverage, size) > WHOLE)[..., None]
-        weight = master_solid_angles(len(whole))[..., None] * whole
-        total = max(float(weight.sum()), 1e-12)
-        before, after = (np.sum(weight * (p - small[2]) ** 2) / total for p in small[:2])
-        return float(np.sqrt(before)), float(np.sqrt(after))
-
-
-@dataclass(frozen=True, slots=True)
-class Limits:
-    """Where the compensated picture meets a limit of the projectors.
-
-    `codes` (N, N, 3): 0 exact, 1 too bright, 2 too dark, 3 not lit or protected. `too_bright` and
-    `too_dark` (3,) are shares of the lit dome that is not protected.
-    """
-
-    codes: NDArray[np.integer]
-    too_bright: Array
-    too_dark: Array
-
-
-@dataclass(frozen=True, slots=True)
 class Material:
     """Everything a report shows; what a venue does not have is None or empty.
 
     Attributes
     ----------
     calibration : that in use, `used` its folder; calibrations : all of them, oldest first.
-    figures : the entries of summary.json by name. pictures : (N, N, 3) by name, size to show.
+    figures : the entries of summary.json by name. pictures : (H, W, 3) by name, size to show.
     loop, photographs : the closed loop, and its photographs by name. venue : its venue.toml.
     other_seat : its check from another seat.
     """
@@ -121,35 +81,67 @@ class Material:
         known = self.calibration.provenance.backends if self.calibration else ()
         return self.truth is not None or SIMULATED in known
 
+    @property
+    def word(self) -> str:
+        """What its screen is called."""
+        return "dome" if self.is_dome else "room"
+
+    @property
+    def is_dome(self) -> bool:
+        """Whether its screen is a dome; it is where nothing is known."""
+        return self.calibration is None or isinstance(self.calibration.screen, Dome)
+
+    @property
+    def canvas(self) -> ContentCanvas:
+        """The canvas of all pictures: that of the calibration's maps."""
+        return self.calibration.screen.canvas if self.calibration else STANDARD
+
+    def inside(self, size: int) -> BoolArray:
+        """Which pixels (H, W) of a picture of that width lie on the screen."""
+        return self.canvas.directions(size)[1]
+
+    def resized(self, picture: Image, size: int) -> Image:
+        """A picture at another width."""
+        return fitted(self.canvas, picture, size)
+
+    def on_screen(self, surface: ProjectorSurface, values: FloatArray) -> Array:
+        """Values (H, W) of a projector's pixels as a picture (h, w); NaN where no pixel falls."""
+        step = max(1, int(np.sqrt(surface.valid.size / POINTS)))
+        valid = surface.valid[::step, ::step]
+        rows, columns = self.canvas.shape(SHOWN)
+        size = int(np.clip(np.sqrt(valid.sum() * columns / rows) / 1.6, 24, SHOWN))
+        direction = surface.direction[::step, ::step][valid]
+        return on_canvas(self.canvas, direction, values[::step, ::step][valid], size)
+
     def coverage(self, size: int) -> Image:
-        """Share (N, N) of each direction that a projector can light."""
+        """Share (H, W) of each place that a projector can light."""
         assert self.calibration is not None
-        return resized(self.calibration.maps.coverage, size)
+        return self.resized(self.calibration.maps.coverage, size)
 
     def protected(self, size: int) -> BoolArray:
-        """Where (N, N) the picture is left as it is."""
+        """Where (H, W) the picture is left as it is."""
         assert self.calibration is not None
-        maps, (direction, inside) = self.calibration.maps, master_directions(size)
-        return maps.is_protected(master_pixels(direction, maps.size)) & inside
+        maps, inside = self.calibration.maps, self.inside(size)
+        return maps.is_protected(places(maps.coverage, inside.shape)) & inside
 
     def before_after(self) -> BeforeAfter | None:
         """Before and after, from the best source: simulator, then camera, then prediction."""
         if self.calibration is None or not self.pictures:
             return None
-        target, free = self.pictures["target"], self.pictures["free"]
-        coverage = self.coverage(len(target))
         if self.truth and {"none", "exact"} <= set(self.truth.pictures):
             shown = self.truth.pictures
-            after = shown.get("refined", shown["exact"])
-            return BeforeAfter(shown["none"], after, target, free, coverage, "simulator")
+            return self._seen(shown["none"], shown.get("refined", shown["exact"]), "simulator")
         if self.loop:
-            photographs = self.photographs
-            size = len(photographs["before"])
-            target, free, coverage = (resized(p, size) for p in (target, free, coverage))
-            before, after = photographs["before"], photographs["after"]
-            return BeforeAfter(before, after, target, free, coverage, "camera")
+            return self._seen(self.photographs["before"], self.photographs["after"], "camera")
         before, after = self.pictures["uncompensated"], self.pictures["compensated"]
-        return BeforeAfter(before, after, target, free, coverage, "prediction")
+        return self._seen(before, after, "prediction")
+
+    def _seen(self, before: Image, after: Image, source: str) -> BeforeAfter:
+        """Both, with the target at their size."""
+        size = before.shape[1]
+        target, free = (self.resized(self.pictures[name], size) for name in ("target", "free"))
+        weight = self.canvas.weights(size)
+        return BeforeAfter(before, after, target, free, self.coverage(size), weight, source)
 
     def limits(self) -> Limits | None:
         """Where a limit holds; None without a compensated picture."""
@@ -157,8 +149,9 @@ class Material:
             return None
         held = 1 - self.pictures["free"]
         above = self.pictures["compensated"] > self.pictures["target"]
-        judged = self.coverage(len(held)) * ~self.protected(len(held))
-        weight = (master_solid_angles(len(held)) * (judged > WHOLE))[..., None]
+        size = held.shape[1]
+        judged = self.coverage(size) * ~self.protected(size)
+        weight = (self.canvas.weights(size) * (judged > WHOLE))[..., None]
         total = max(float(weight.sum()), 1e-12)
         codes = np.where(held > 0.5, np.where(above, 1, 2), 0)
         codes = np.where((judged > 0.5)[..., None], codes, 3)
@@ -183,8 +176,9 @@ def read_material(venue_dir: Path) -> Material:
         )
     used = calibration_in_use(venue_dir) if calibrations else None
     calibration = load_calibration(used) if used else None
-    pictures = _pictures(venue_dir / "pictures")
-    size = len(pictures["target"]) if pictures else SHOWN
+    canvas = calibration.screen.canvas if calibration else STANDARD
+    pictures = _pictures(venue_dir / "pictures", canvas)
+    size = pictures["target"].shape[1] if pictures else SHOWN
     return Material(
         venue_dir,
         calibrations,
@@ -196,33 +190,37 @@ def read_material(venue_dir: Path) -> Material:
         pictures,
         _truth(venue_dir / "truth", calibration, size),
         load_venue(venue_dir) if (venue_dir / "venue.toml").is_file() else None,
-        check_from_other_seat(venue_dir, used, calibration) if used and calibration else None,
+        _other_seat(venue_dir, used, calibration),
     )
 
 
-def resized(picture: Image, size: int) -> Image:
-    """A dome master at another size: averaged down, then sampled."""
-    if len(picture) == size:
-        return picture
-    smaller = block_mean(picture, max(1, len(picture) // size))
-    direction, _ = master_directions(size)
-    return sample(smaller, master_pixels(direction, len(smaller)))
+def _other_seat(
+    venue_dir: Path, used: Path | None, calibration: Calibration | None
+) -> SeatCheck | None:
+    if used is None or calibration is None or not isinstance(calibration.screen, Dome):
+        return None  # rooms are not compared
+    return check_from_other_seat(venue_dir, used, calibration)
 
 
-def on_master(surface: ProjectorSurface, values: FloatArray) -> Array:
-    """Values (H, W) of a projector's pixels as a dome master; NaN where no pixel falls."""
-    step = max(1, int(np.sqrt(surface.valid.size / POINTS)))
-    valid = surface.valid[::step, ::step]
-    pixels = int(valid.sum())
-    size = int(np.clip(np.sqrt(pixels) / 1.6, 24, SHOWN))
-    return on_dome(surface.direction[::step, ::step][valid], values[::step, ::step][valid], size)
+def fitted(canvas: ContentCanvas, picture: Image, size: int) -> Image:
+    """A picture on a canvas at another width: averaged down, then sampled."""
+    shape = canvas.shape(size)
+    smaller = block_mean(picture, max(1, picture.shape[1] // size))
+    return smaller if smaller.shape[:2] == shape else sample(smaller, places(smaller, shape))
 
 
-def _pictures(folder: Path) -> dict[str, Image]:
+def places(picture: Image, shape: tuple[int, ...]) -> Array:
+    """Positions (h, w, 2) in a picture (H, W) of the pixels of a smaller or larger one of `shape`."""
+    y, x = np.indices(shape)
+    scale = np.array(picture.shape[1::-1]) / np.array(shape[1::-1])
+    return np.asarray((np.stack([x, y], axis=-1) + 0.5) * scale - 0.5)
+
+
+def _pictures(folder: Path, canvas: ContentCanvas) -> dict[str, Image]:
     names = ("target", "uncompensated", "compensated", "direct", "free")
     if not all((folder / f"{n}.exr").is_file() for n in names):
         return {}
-    return {n: _picture(folder / f"{n}.exr") for n in names}
+    return {n: _picture(folder / f"{n}.exr", canvas) for n in names}
 
 
 def _loop(
@@ -236,21 +234,23 @@ def _loop(
     session = calibration.provenance.session if calibration else None
     if stored.session not in (None, session):
         return None, {}
-    return stored, {n: _picture(folder / f"{n}.exr") for n in names}
+    canvas = calibration.screen.canvas if calibration else STANDARD
+    return stored, {n: _picture(folder / f"{n}.exr", canvas) for n in names}
 
 
 def _truth(folder: Path, calibration: Calibration | None, size: int) -> Truth | None:
     document = read_document(folder / "calibration.json")
     if not document or calibration is None:
         return None
-    matrix = calibration.content_from_camera.T.astype(np.float32)
+    matrix, canvas = calibration.content_from_camera.T.astype(np.float32), calibration.screen.canvas
     files = {n: folder / "pictures" / f"{n}.exr" for n in ("none", "exact", "refined")}
-    pictures = {n: resized(_picture(p) @ matrix, size) for n, p in files.items() if p.is_file()}
+    there = {n: _picture(p, canvas) @ matrix for n, p in files.items() if p.is_file()}
+    pictures = {n: fitted(canvas, p, size) for n, p in there.items()}
     feedback, albedo = (np.array(document[k]["value"]) for k in ("feedback", "albedo"))
     return Truth(folder, pictures, feedback, albedo)
 
 
-def _picture(path: Path) -> Image:
+def _picture(path: Path, canvas: ContentCanvas) -> Image:
     """An RGB file averaged down to the size of the report; NaN becomes black."""
     channels = read_channels(path)
     if not set(RGB) <= set(channels):
@@ -258,7 +258,8 @@ def _picture(path: Path) -> Image:
             f"{path}: channels R, G and B are missing (it has {', '.join(channels)}); make it again"
         )
     picture = np.nan_to_num(np.stack([channels[c] for c in RGB], axis=-1))
-    return block_mean(picture, max(1, round(len(picture) / SHOWN)))
+    width = picture.shape[1]
+    return fitted(canvas, picture, width // max(1, round(width / SHOWN)))
 
 
 def read_document(path: Path) -> dict[str, Any]:

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from procam.interfaces.plots import charts as plots
-from procam.interfaces.plots.figure import LIMITS, UNKNOWN, css_colour
-from procam.interfaces.report.blocks import Block, DomePicture, Domes, Group, Table, Text
+from procam.interfaces.plots.figure import LIMITS, UNKNOWN
+from procam.interfaces.report.blocks import Block, Pictures, Table, Text, categories
 from procam.interfaces.report.data import SHOWN, Material
 from procam.interfaces.report.words import number, percent
 
@@ -43,15 +43,14 @@ def _outline(entry: Entry, meaning: str) -> list[str]:
     return [f"{kind.capitalize()} {name}".rstrip(), drawn, covers, meaning]
 
 
-def _protected(material: Material) -> Domes:
+def _protected(material: Material) -> Pictures:
     codes = np.where(material.coverage(SHOWN) > 0.5, 0, 2)
     codes[material.protected(SHOWN)] = 1
-    legend = list(zip(map(css_colour, PROTECTED), PROTECTED_WORDS, strict=True))
-    picture = DomePicture("Protected parts", plots.paint_categories(codes, PROTECTED))
-    return Domes(
-        [Group([picture], None, legend)],
+    legend = list(zip(PROTECTED, PROTECTED_WORDS, strict=True))
+    return Pictures(
+        [categories(material, {"Protected parts": codes}, legend)],
         "There the picture is sent unchanged, and the loop does not correct it. The light that it casts "
-        "on the rest of the dome is removed there as any other.",
+        f"on the rest of the {material.word} is removed there as any other.",
     )
 
 

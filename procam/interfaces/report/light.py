@@ -1,44 +1,44 @@
 """Sections on the light: before and after, bounced light, the closed loop, limits."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.arrays import Array, FloatArray, Image
+from procam.arrays import Array, FloatArray
 from procam.files.history.figures import calibration_figures
 from procam.files.images.layers import read_layers
 from procam.interfaces.plots import charts as plots
-from procam.interfaces.plots.figure import LIMITS, css_colour
+from procam.interfaces.plots.figure import LIMITS
+from procam.interfaces.report.before_after import WHOLE, BeforeAfter
 from procam.interfaces.report.blocks import (
     Block,
     Charts,
-    DomePicture,
-    Domes,
-    Group,
+    Pictures,
     Table,
     Text,
     brightness,
     calibrating,
+    categories,
     extent,
     not_there,
     painted,
     signed,
     signed_light,
 )
-from procam.interfaces.report.data import WHOLE, BeforeAfter, Material, on_master, resized
+from procam.interfaces.report.data import Material
+from procam.interfaces.report.errors_by_place import errors_by_place
 from procam.interfaces.report.words import limits_text, percent
-from procam.maths.geometry.sphere import (
-    angles_from_direction,
-    master_directions,
-    master_solid_angles,
-)
 from procam.model.photometry import PRIMARIES
 
-BAND_DEG = 3.0
+CIRCLE = (
+    "Each circle is the whole dome seen from below: the audience's front at the bottom edge, the zenith in "
+    "the middle, rings at 30 and 60 degrees above the rim."
+)
+CANVAS = "Each picture is the canvas that content is made for, its parts seen from inside."
 SOURCES = {
-    "simulator": "as the simulated dome shows them, without camera or noise",
+    "simulator": "as the simulated screen shows them, without camera or noise",
     "camera": "as the camera photographed them",
     "prediction": "as the calibration predicts them; nothing has been photographed yet",
 }
@@ -62,36 +62,40 @@ def pictures(material: Material) -> Iterator[Block]:
     light = brightness(extent(seen.before, 0.2, 0.1))
     shown = {"Before": seen.before, "After": seen.after, "Intended": target}
     difference = signed_light(0.2)
-    yield Domes(
-        [painted(shown, light), painted({"Remaining error": residual}, difference)],
-        f"Pictures are shown {SOURCES[seen.source]}. Each circle is the whole dome seen from "
-        "below: the audience's front at the bottom edge, the zenith in the middle, rings at 30 "
-        "and 60 degrees above the rim. The first three are shown at equal exposure: all are scaled by the "
-        "same factor, so what looks darker here is darker on the dome. In the last, red is too bright, blue "
+    yield Pictures(
+        [
+            painted(material, shown, light),
+            painted(material, {"Remaining error": residual}, difference),
+        ],
+        f"Pictures are shown {SOURCES[seen.source]}. {CIRCLE if material.is_dome else CANVAS} "
+        "The first three are shown at equal exposure: all are scaled by the same factor, so what looks "
+        f"darker here is darker in the {material.word}. In the last, red is too bright, blue "
         "too dark and white is right; grey is screen that no projector reaches.",
         dark=True,
     )
 
 
 def pollution(material: Material) -> Iterator[Block]:
-    """Scattered light and error, before and after, as maps and against elevation."""
+    """Scattered light and error, before and after, as maps, and against elevation or by part."""
     seen = material.before_after()
     if seen is None or material.calibration is None:
         yield not_there("The bounced light before and after", calibrating(material))
         return
     before, after = (percent(error, 2) for error in seen.error_rms())
     if seen.source == "prediction":
-        after = "nothing, by construction: only a photograph (`procam refine`) shows the remaining error"
+        shown = "a photograph (`procam refine`)" if material.is_dome else "a photograph"
+        after = f"nothing, by construction: only {shown} shows the remaining error"
     yield Text(
         "Where no limit holds, the picture differs from the intended one by "
         f"{before} of white before (root mean square, a typical size), and after by {after}."
     )
-    yield _pollution_maps(seen, seen.before - _direct_without(material, len(seen.target)))
-    yield _profile(seen)
+    yield _pollution_maps(material, seen)
+    yield errors_by_place(material.calibration.screen, seen)
 
 
-def _pollution_maps(seen: BeforeAfter, scattered: FloatArray) -> Domes:
+def _pollution_maps(material: Material, seen: BeforeAfter) -> Pictures:
     unlit = seen.coverage < 0.5
+    scattered = seen.before - _direct_without(material, seen.target.shape[1])
     parts = {
         "Bounced light, before": scattered,
         "Error before": seen.before - seen.target,
@@ -102,58 +106,26 @@ def _pollution_maps(seen: BeforeAfter, scattered: FloatArray) -> Domes:
     free = seen.free.min(axis=-1) > WHOLE
     left = np.where(free, maps["Error after"], np.nan)
     enlarged = signed_light(extent(left, 0.002, 0.002))
-    return Domes(
-        [painted(maps, scale), painted({"Error after, enlarged": left}, enlarged)],
-        "First: light that comes from the rest of the dome, not directly from a projector. Second: "
-        "the error that it causes in the uncompensated picture. Third: the error with "
+    return Pictures(
+        [
+            painted(material, maps, scale),
+            painted(material, {"Error after, enlarged": left}, enlarged),
+        ],
+        f"First: light that comes from the rest of the {material.word}, not directly from a projector. "
+        "Second: the error that it causes in the uncompensated picture. Third: the error with "
         "compensation; what stays red asks for less light than bounces there. Last: the error "
         "where no limit holds, on a much finer scale. All are means of the three colours.",
     )
 
 
 def _direct_without(material: Material, size: int) -> FloatArray:
-    """Direct light (N, N, 3) of the uncompensated content: the content within its limits."""
+    """Direct light (H, W, 3) of the uncompensated content: the content within its limits."""
     assert material.calibration is not None
     maps = material.calibration.maps
-    lo, hi = (resized(m, size) for m in (maps.lo, maps.hi))
-    return np.clip(resized(material.pictures["target"], size), lo, np.maximum(lo, hi))
-
-
-def _profile(seen: BeforeAfter) -> Charts:
-    everywhere = np.ones_like(seen.free)
-    free = (seen.free > WHOLE).astype(np.float32)
-    before, after = seen.before - seen.target, seen.after - seen.target
-    image = plots.profile_chart(
-        np.arange(BAND_DEG / 2, 90, BAND_DEG, dtype=np.float64),
-        _by_elevation(before, everywhere, seen.coverage),
-        _by_elevation(after, everywhere, seen.coverage),
-        _by_elevation(after, free, seen.coverage),
+    target, lo, hi = (
+        material.resized(m, size) for m in (material.pictures["target"], maps.lo, maps.hi)
     )
-    return Charts(
-        [(image, "Error against elevation, before and after")],
-        "The same errors averaged round the dome, by elevation from its rim (0 degrees) to the "
-        "zenith (90); zero is the intended picture. The full lines on the right leave out "
-        "directions where a limit holds. Rings that are mostly unlit are left out.",
-        width_px=980,
-    )
-
-
-def _by_elevation(picture: FloatArray, share: FloatArray, coverage: FloatArray) -> Array:
-    """Means (K, 3) over rings of equal elevation; NaN where a ring is mostly unlit."""
-    size = len(picture)
-    direction, inside = master_directions(size)
-    elevation = np.degrees(angles_from_direction(direction)[1])
-    ring = np.clip(elevation / BAND_DEG, 0, 90 / BAND_DEG - 1).astype(int).ravel()
-    solid = master_solid_angles(size) * inside
-    lit = solid * (coverage > WHOLE)
-    mostly = np.bincount(ring, lit.ravel()) > 0.5 * np.bincount(ring, solid.ravel())
-    columns = []
-    for c in range(picture.shape[2]):
-        weight = (lit * share[..., c]).ravel()
-        total = np.bincount(ring, weight)
-        mean = np.bincount(ring, weight * picture[..., c].ravel()) / np.maximum(total, 1e-12)
-        columns.append(np.where(mostly & (total > 1e-9), mean, np.nan))
-    return np.stack(columns, axis=-1)
+    return np.clip(target, lo, np.maximum(lo, hi))
 
 
 def loop(material: Material) -> Iterator[Block]:
@@ -182,11 +154,12 @@ def loop(material: Material) -> Iterator[Block]:
         yield Text(f"The resulting calibration was not kept: {seen.worse}.")
     chart = plots.loop_chart(seen.residual, seen.noise_floor)
     yield Charts([(chart, "Difference after each correction")], "", width_px=640)
-    yield _loop_pictures(material.photographs)
+    yield _loop_pictures(material)
     yield from _gain_change(material)
 
 
-def _loop_pictures(photographs: Mapping[str, Image]) -> Domes:
+def _loop_pictures(material: Material) -> Pictures:
+    photographs = material.photographs
     light = brightness(extent(photographs["before"], 0.2, 0.1))
     shown = {
         "Photograph, before": photographs["before"],
@@ -197,10 +170,10 @@ def _loop_pictures(photographs: Mapping[str, Image]) -> Domes:
     error = np.where(photographs["free"].min(axis=-1) > 0.5, error, np.nan)
     difference = signed_light(extent(error, 0.002, 0.002))
     minus = "Refined \N{MINUS SIGN} predicted, enlarged"
-    return Domes(
-        [painted(shown, light), painted({minus: error}, difference)],
-        "The camera's photographs as dome pictures. In the last, grain is the camera's noise, and "
-        "structure would be a fault. Grey: directions where a limit holds, which the loop does "
+    return Pictures(
+        [painted(material, shown, light), painted(material, {minus: error}, difference)],
+        "The camera's photographs on the canvas. In the last, grain is the camera's noise, and "
+        "structure would be a fault. Grey: places where a limit holds, which the loop does "
         "not correct.",
         dark=True,
     )
@@ -213,13 +186,13 @@ def _gain_change(material: Material) -> Iterator[Block]:
     for name, projector in projectors.items():
         factor = gain_change(material, name)
         if factor is not None:
-            changes[f"Correction of {name}"] = on_master(projector.surface, factor - 1)
+            changes[f"Correction of {name}"] = material.on_screen(projector.surface, factor - 1)
     if not changes:
         return
     everything = np.concatenate([change.ravel() for change in changes.values()])
     scale = signed("brightness, change [%]", extent(everything, 0.002, 0.002))
-    yield Domes(
-        [painted(changes, scale)],
+    yield Pictures(
+        [painted(material, changes, scale)],
         "How the loop changed the calibration: how much brighter (red) or darker (blue) each "
         "projector is than first measured.",
     )
@@ -265,26 +238,22 @@ def clipped(material: Material) -> Iterator[Block]:
         f"{percent(float(1 - (low + high).mean()), 2)} of the lit picture is reproduced exactly."
     )
     yield Text(f"{exact} {limits_text(float(low.mean()), float(high.mean()))}")
-    masked = material.protected(len(limits.codes)).any()
-    yield _limits(limits.codes, " or protected by hand" if masked else "")
+    masked = material.protected(limits.codes.shape[1]).any()
+    yield _limits(material, limits.codes, " or protected by hand" if masked else "")
     rows = [
         [c.capitalize(), *(percent(float(share[i])) for share in (1 - low - high, low, high))]
         for i, c in enumerate(PRIMARIES)
     ]
     head = ["Channel", "Exact", "Held at black", "Held at full light"]
     left_out = ", without what is protected by hand" if masked else ""
-    yield Table(head, rows, f"Shares of the lit dome{left_out}.")
+    yield Table(head, rows, f"Shares of the lit {material.word}{left_out}.")
 
 
-def _limits(codes: NDArray[np.integer], also: str) -> Domes:
-    """The maps by channel; `also` is what else is left out than directions without light."""
-    colours = [css_colour(c) for c in LIMITS]
-    left_out = LIMIT_WORDS[-1] + also
-    domes = [
-        DomePicture(c.capitalize(), plots.paint_categories(codes[..., i], LIMITS))
-        for i, c in enumerate(PRIMARIES)
-    ]
-    return Domes(
-        [Group(domes, None, list(zip(colours, (*LIMIT_WORDS[:-1], left_out), strict=True)))],
+def _limits(material: Material, codes: NDArray[np.integer], also: str) -> Pictures:
+    """The maps by channel; `also` is what else is left out than places without light."""
+    legend = list(zip(LIMITS, (*LIMIT_WORDS[:-1], LIMIT_WORDS[-1] + also), strict=True))
+    maps = {c.capitalize(): codes[..., i] for i, c in enumerate(PRIMARIES)}
+    return Pictures(
+        [categories(material, maps, legend)],
         "Per colour channel, where the compensated picture meets a limit of the projectors.",
     )

@@ -15,7 +15,7 @@ import numpy as np
 from procam.errors import InputError
 from procam.files import atomic
 from procam.interfaces.plots.figure import EXTRA, require_matplotlib
-from procam.interfaces.report import acceptance, cover, dome, drift, hand, light, other_seat
+from procam.interfaces.report import acceptance, cover, drift, hand, light, other_seat, rig
 from procam.interfaces.report.blocks import Section
 from procam.interfaces.report.cover import date_text
 from procam.interfaces.report.data import Material, read_material
@@ -28,8 +28,9 @@ from procam.interfaces.report.words import (
     value_text,
     words_for,
 )
-from procam.model.screen import Dome
+from procam.model.screen import RoomScreen
 
+OF_DOMES = ("loop", "other-seat")  # sections
 Entries = Mapping[str, Mapping[str, Any]]
 
 
@@ -57,12 +58,6 @@ def write_report(venue_dir: Path, out: Path | None = None) -> Path:
 
 def write_page(material: Material, path: Path) -> Path:
     """The same from what was read of a venue."""
-    calibration = material.calibration
-    if calibration and not isinstance(calibration.screen, Dome):
-        raise InputError(
-            f"{material.directory}: reports are for domes, and its screen is a {calibration.screen.kind}; "
-            "`procam venue show` prints the figures"
-        )
     require_matplotlib()
     template = html_template("report_template.html")
     atomic.write_text(path, template.render(**_context(material)))
@@ -92,6 +87,8 @@ def _context(material: Material) -> dict[str, Any]:
         "calibrated": date_text(material.calibrated_at) if material.calibrated_at else "",
         "number_of": material.used.name if material.used else "",
         "simulated": material.is_simulated,
+        "screen": material.word,
+        "layout": _layout(material),
         "facts": list(cover.facts(material)),
         "method": cover.method(material),
         "acceptance": [acceptance.row(finding) for finding in judged],
@@ -107,6 +104,17 @@ def _context(material: Material) -> dict[str, Any]:
         "provenance": list(cover.provenance(material)),
         "contrast": cover.contrast(material.calibration),
     }
+
+
+def _layout(material: Material) -> dict[str, Any] | None:
+    """Height of a room's canvas and the boxes of its parts, in units of a hundredth of its width."""
+    calibration = material.calibration
+    if calibration is None or not isinstance(calibration.screen, RoomScreen):
+        return None
+    room = calibration.screen.room
+    scale = 100 / room.size_m[0]
+    boxes = {name: [scale * side for side in box] for name, box in room.layout().items()}
+    return {"height": scale * room.size_m[1], "parts": boxes}
 
 
 def _entries(material: Material) -> dict[str, Mapping[str, Any]]:
@@ -199,20 +207,22 @@ def _card(title: str, value: str, note: str, goal: str = "") -> dict[str, str]:
 
 
 def _sections(material: Material) -> Iterator[Section]:
-    parts = (
+    parts = [
         ("pictures", "Before and after", light.pictures),
-        ("coverage", "Who lights what", dome.coverage),
-        ("mapping", "Where the pixels land", dome.mapping),
-        ("response", "How the projectors respond", dome.response),
-        ("bounces", "Light that bounces round the dome", light.pollution),
+        ("coverage", "Who lights what", rig.coverage),
+        ("mapping", "Where the pixels land", rig.mapping),
+        ("response", "How the projectors respond", rig.response),
+        ("bounces", f"Light that bounces round the {material.word}", light.pollution),
         ("loop", "Photographed and corrected: the closed loop", light.loop),
         ("clipped", "What could not be reproduced, and why", light.clipped),
-        ("levels", "Brightest white and darkest black", dome.levels),
-        ("feedback", "How strongly the dome bounces light", dome.feedback),
+        ("levels", "Brightest white and darkest black", rig.levels),
+        ("feedback", f"How strongly the {material.word} bounces light", rig.feedback),
         ("other-seat", "Checked from another seat", other_seat.other_seat),
         ("drift", "Drift since the last calibration", drift.drift),
         ("by-hand", "Done by hand", hand.by_hand),
-    )
+    ]
+    if not material.is_dome:
+        parts = [part for part in parts if part[0] not in OF_DOMES]
     for key, title, make in parts:
         if blocks := list(make(material)):
             yield Section(key, title, blocks)

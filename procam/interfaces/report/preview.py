@@ -11,6 +11,7 @@ from procam.files import atomic
 from procam.interfaces.plots.charts import Scale
 from procam.interfaces.plots.figure import require_matplotlib
 from procam.interfaces.report.page import html_template
+from procam.maths.geometry.canvas import STANDARD
 from procam.maths.vision.pu21 import pu21
 from procam.maths.warp import reduced_to
 from procam.workflows.playout.explain import BEFORE, TARGET
@@ -51,7 +52,7 @@ def write_preview(
 def _image(picture: Image) -> str:
     edge = min(len(picture), LARGEST)
     small = picture if edge == len(picture) else reduced_to(picture, (edge, edge))
-    return Scale("light", 0.0, 1.0, "light").paint(small)
+    return Scale("light", 0.0, 1.0, "light").paint(small, STANDARD.directions(edge)[1])
 
 
 def _facts(views: Mapping[str, Image], key: str, weight: Array, white_nits: float) -> str:

@@ -5,7 +5,7 @@ from pathlib import Path
 from shlex import quote
 
 from procam.files import atomic
-from procam.files.calibration import load_dome
+from procam.files.calibration import load_calibration
 from procam.files.venue.load import Venue, load_venue
 from procam.files.versions import calibration_in_use, list_calibrations
 from procam.interfaces.report.cover import date_text, is_served
@@ -36,7 +36,7 @@ def write_sheet(venue_dir: Path) -> Path:
         folder=folder,
         frames=_frames_text(venue),
         play=list(_play(venue, folder)),
-        states=sorted(load_dome(used).states),
+        states=sorted(load_calibration(used).states),
         earlier=[(p.name, date_text(written_at(p))) for p in _earlier(venue_dir, used)],
         symptoms=list(_symptoms(venue, folder)),
     )

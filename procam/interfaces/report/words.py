@@ -112,7 +112,8 @@ NAMES = {
         "the same with the survey of the marks on the dome",
     ),
     "sphere_variance_ratio": Words(
-        "Test for a sphere", "variance of the residuals over the variance that noise explains"
+        "Test of the screen's shape",
+        "variance of the residuals over the variance that noise explains",
     ),
     "shape_degree": Words(
         "Degree of the dome's shape", "of the harmonics that were solved; 0 is an exact sphere"

@@ -18,6 +18,7 @@ from procam.maths.mesh.facets import Faces, face_areas
 
 AROUND = 6
 CHUNK = 1 << 22  # pixels of triangles' boxes at a time
+BAND = 256  # rows at a time, to save memory
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,14 +27,14 @@ class MeshCanvas:
 
     Attributes
     ----------
-    face : (H, W) lit face of each pixel, -1 for none. node : (H, W, 3) corners of that face.
-    share : (H, W, 3) barycentric weights of these corners. area : (H, W) of the pixel on the screen [m^2].
+    face : (H, W) face of each pixel, -1 for none. corners : (F, 3) vertices of all faces.
+    share : (H, W, 3) barycentric weights of a face's corners. area : (H, W) of the pixel on the screen [m^2].
     recovery : (V, F) sparse: values at vertices from means over faces.
     small : lit faces that no pixel's centre lies in, and the flat place of the pixel nearest to each.
     """
 
     face: IndexArray
-    node: IndexArray
+    corners: IndexArray
     share: Array32
     area: Array32
     recovery: csr_array
@@ -59,9 +60,13 @@ class MeshCanvas:
     def field(self, means: FloatArray) -> Image:
         """The picture (H, W, C) of a smooth field with these means (F, C) over faces; 0 off the screen."""
         values = (self.recovery @ means).astype(np.float32)
-        picture = np.einsum("hwk,hwkc->hwc", self.share, values[self.node])
-        picture[~self.lit] = 0
-        return np.asarray(picture, np.float32)
+        picture = np.zeros((*self.face.shape, means.shape[-1]), np.float32)
+        for top in range(0, len(picture), BAND):
+            rows = slice(top, top + BAND)
+            on = self.face[rows] >= 0
+            near = values[self.corners[self.face[rows][on]]]
+            picture[rows][on] = np.einsum("nk,nkc->nc", self.share[rows][on], near)
+        return picture
 
 
 def mesh_canvas(
@@ -94,13 +99,11 @@ def mesh_canvas(
     rows, columns = np.nonzero(on)
     share = np.zeros((*face.shape, 3), np.float32)
     share[on] = barycentric(corner[face[on]], np.stack([columns, rows], axis=1).astype(float))
-    node = np.zeros((*face.shape, 3), np.intp)
-    node[on] = faces[face[on]]
     area, on_canvas = face_areas(vertices, faces), np.abs(_twice_area(corner)) / 2
     pixel = np.zeros(face.shape, np.float32)
     pixel[on] = (area / on_canvas)[face[on]]
-    recovery = _recovery(vertices, faces, part, lit)
-    return MeshCanvas(face, node, share, pixel, recovery, _small(face, corner, lit))
+    corners, recovery = np.asarray(faces, np.intp), recovery_of(vertices, faces, part, lit)
+    return MeshCanvas(face, corners, share, pixel, recovery, _small(face, corner, lit))
 
 
 def _rasterise(face: IndexArray, corner: Array, lit: IndexArray) -> None:
@@ -156,8 +159,8 @@ def _small(face: IndexArray, corner: Array, lit: IndexArray) -> tuple[IndexArray
     return faces, near[:, 1] * columns + near[:, 0]
 
 
-def _recovery(vertices: Array, faces: Faces, part: IndexArray, lit: IndexArray) -> csr_array:
-    """Values at the vertices of lit parts from means over their faces."""
+def recovery_of(vertices: Array, faces: Faces, part: IndexArray, lit: IndexArray) -> csr_array:
+    """Values at the vertices of lit parts from means over their faces; no vertex is in two parts."""
     rows, columns, weights = [], [], []
     middle = vertices[faces].mean(axis=1)
     for number in np.unique(part[lit]):

@@ -5,7 +5,7 @@ from functools import cached_property
 import numpy as np
 
 from procam.arrays import Array, BoolArray, FloatArray, IndexArray
-from procam.maths.mesh.canvas import MeshCanvas, mesh_canvas
+from procam.maths.mesh.canvas import MeshCanvas, mesh_canvas, recovery_of
 from procam.maths.mesh.rooms import Room
 from procam.maths.mesh.shape import MeshShape
 
@@ -50,22 +50,40 @@ class RoomCanvas:
         """Areas (H, W) [m^2] of the pixels, 0 off the screen."""
         return np.asarray(self.raster(size).area, float)
 
-    def faces(self, direction: FloatArray) -> IndexArray:
-        """Face (...) of unit directions (..., 3); -1 for none."""
-        met = self._shape.tracer.first_hits(np.zeros(3), direction.astype(float))
-        return met.faces.astype(np.intp)
+    def photograph(self, direction: FloatArray, area: FloatArray) -> MeshCanvas:
+        """A camera's picture as a canvas of all faces, lit or not.
+
+        `direction` (H, W, 3) is the direction of what a pixel sees, `area` (H, W) its area [m^2]; 0 off the
+        screen.
+        """
+        face, seen = np.full(area.shape, -1), area > 0
+        share = np.zeros((*area.shape, 3), np.float32)
+        face[seen], share[seen] = self._met(direction[seen])
+        room, every = self._room, np.arange(len(self._room.faces))
+        recovery = recovery_of(room.vertices, room.faces, room.part, every)
+        nothing = np.zeros(0, np.intp)
+        return MeshCanvas(
+            face, room.faces, share, area.astype(np.float32), recovery, (nothing, nothing)
+        )
 
     def pixels(self, direction: FloatArray, size: int) -> FloatArray:
         """Pixel coordinates (..., 2) as (column, row) of unit directions; `NOWHERE` off the lit parts."""
-        met = self._shape.tracer.first_hits(np.zeros(3), direction.astype(float))
-        at = np.array(self.shape(size)[::-1])
+        face, share = self._met(direction)
         found = np.full((*direction.shape[:-1], 2), NOWHERE, direction.dtype)
-        hit = np.isin(met.faces, self.lit_faces)
-        corner = self._room.vertices[self._room.faces[met.faces[hit]]] / self._shape.radius_m
-        share = _weights_of_corners(corner, met.points[hit])
-        place = self._places[self._room.faces[met.faces[hit]]]
-        found[hit] = np.einsum("nk,nki->ni", share, place) * at - 0.5
+        hit = np.isin(face, self.lit_faces)
+        place = self._places[self._room.faces[face[hit]]]
+        at = np.array(self.shape(size)[::-1])
+        found[hit] = np.einsum("nk,nki->ni", share[hit], place) * at - 0.5
         return found
+
+    def _met(self, direction: FloatArray) -> tuple[IndexArray, Array]:
+        """Face (...) that unit directions (..., 3) meet, -1 for none, and weights (..., 3) of its corners."""
+        met = self._shape.tracer.first_hits(np.zeros(3), direction.astype(float))
+        face, share = met.faces.astype(np.intp), np.zeros(met.points.shape)
+        hit = face >= 0
+        corner = self._room.vertices[self._room.faces[face[hit]]] / self._shape.radius_m
+        share[hit] = _weights_of_corners(corner, met.points[hit])
+        return face, share
 
     @cached_property
     def _places(self) -> Array:

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from procam.arrays import FloatArray, Image
-from procam.compensate.compensator import Compensated, Compensator
+from procam.compensate.any_screen import AnyPicture, compensator_for
+from procam.compensate.compensator import Compensator
 from procam.compensate.projector_frames import Warper, projector_frames
 from procam.files import atomic
 from procam.files.images.layers import RGB, write_channels
@@ -15,6 +16,7 @@ from procam.files.images.pixels import read_image, write_image
 from procam.files.images.stills import read_picture, square_edge
 from procam.maths.geometry.canvas import STANDARD
 from procam.model.calibration import Calibration
+from procam.model.screen import Dome
 from procam.workflows.refine.refine import Refined
 
 
@@ -41,12 +43,13 @@ def read_square(path: Path) -> tuple[Image, str]:
 
 def keep_pictures(
     venue_dir: Path, calibration: Calibration, content: Image
-) -> dict[str, Compensated]:
-    """Compute and store VENUE/pictures and VENUE/frames for content on the standard canvas; returns them."""
-    size, calibration = content.shape[0], calibration.on(STANDARD)
-    methods: tuple[str, ...] = ("none", "exact", "paper-eq12")
-    compensators = {m: Compensator(calibration, size, m) for m in methods}
-    results: dict[str, Compensated] = {m: c.predict(content) for m, c in compensators.items()}
+) -> dict[str, AnyPicture]:
+    """Compute and store VENUE/pictures and VENUE/frames for content on the maps' canvas; returns them."""
+    size, screen = content.shape[1], calibration.screen
+    calibration, kind = calibration.on(screen.canvas), compensator_for(calibration)
+    methods = ("none", "exact", "paper-eq12") if isinstance(screen, Dome) else ("none", "exact")
+    compensators = {m: kind(calibration, size, m) for m in methods}
+    results: dict[str, AnyPicture] = {m: c.predict(content) for m, c in compensators.items()}
     pictures = venue_dir / "pictures"
     _write_rgb(pictures / "target.exr", compensators["exact"].target(content))
     _write_rgb(pictures / "uncompensated.exr", results["none"].observed)

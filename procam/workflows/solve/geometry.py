@@ -54,7 +54,7 @@ def solve_rig(problem: RigProblem) -> tuple[GeometrySolution, str, list[Note]]:
     except CalibrationError as error:
         text = [str(error), *find_causes(problem, None)]
         raise type(error)("\n".join(text)) from error
-    notes = missing_fiducials(problem.radius_known, problem.fiducials, len(found.freedoms))
+    notes = missing_fiducials(problem.radius_known, problem.fiducials, found.gauge_freedoms)
     rough = found.sphere_systematic_ratio >= MAX_SPHERE_RATIO
     notes += fiducial_notes(found.rig, problem.fiducials, rough=rough)
     verdict, guilty = _verdict(found), find_causes(problem, found)

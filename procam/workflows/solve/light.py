@@ -12,6 +12,7 @@ from procam.estimate.geometry.solve import GeometrySolution
 from procam.estimate.light.inpaint import pixels_without_pattern
 from procam.estimate.light.measure import measure_light, measure_master_light
 from procam.estimate.light.measurement import ProjectorMeasurement
+from procam.estimate.light.picture_flux import picture_flux
 from procam.estimate.light.projector_images import (
     CameraSight,
     Picture,
@@ -125,5 +126,5 @@ def _server_sight(
     panel = np.where(unpatterned[..., None], np.float32(np.nan), master.coarse_pixels(xy))
     lit |= unpatterned
     ids_share = float(shot_ids_share.covered.mean())
-    nowhere = np.zeros_like(lit)
-    return CameraSight(xy, panel, lit, lit, unpatterned, nowhere, white, base, ids_share)
+    nowhere, flux = np.zeros_like(lit), picture_flux(screen, view, white)
+    return CameraSight(xy, panel, lit, lit, unpatterned, nowhere, white, base, flux, ids_share)

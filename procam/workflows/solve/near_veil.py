@@ -33,7 +33,7 @@ def with_near_veil(
 
     def measured(name: str) -> NearVeilFit:
         sight = camera_sight(screen, images, view, geometry, found, name)
-        return _fitted(images, view, geometry.projectors[name], sight)
+        return _fitted(images, geometry.projectors[name], sight)
 
     fit = NearVeilFit(images.radiometer.seen)
     for _, one in side_by_side(measured, geometry.projectors, sight_bytes(geometry.camera)):
@@ -44,12 +44,10 @@ def with_near_veil(
     return replace(geometry, rig=replace(geometry.rig, cameras=cameras))
 
 
-def _fitted(
-    images: SessionImages, view: ScreenView, projector: ProjectorModel, sight: CameraSight
-) -> NearVeilFit:
+def _fitted(images: SessionImages, projector: ProjectorModel, sight: CameraSight) -> NearVeilFit:
     """The veil of one projector's stripes, a group for each axis."""
     fit = NearVeilFit(images.radiometer.seen)
-    separation = Separation(sight.white, sight.panel, sight.lit, view.weight, sight.maybe_lit)
+    separation = Separation(sight.white, sight.panel, sight.lit, sight.flux, sight.maybe_lit)
     axis_before = ""
     for axis, bit, *pair in images.stripe_pairs(projector.name):
         if axis_before not in ("", axis):
@@ -59,7 +57,7 @@ def _fitted(
         where = separation.add_pair(axis, bit, *pictures)
         if projector.size[axis == "y"] >= MIN_PERIODS * 2 ** (bit + 1):
             for picture, dark in zip(pictures, where, strict=True):
-                fit.add(picture[..., GREEN], dark, float(separation.flux.share(picture)[GREEN]))
+                fit.add(picture[..., GREEN], dark, sight.flux.share(picture)[..., GREEN])
         del pair, pictures  # before the next are read
     fit.end_group()
     return fit

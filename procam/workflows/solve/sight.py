@@ -12,6 +12,7 @@ from procam.estimate.geometry.model import Pair
 from procam.estimate.geometry.solve import GeometrySolution
 from procam.estimate.light.direct_light import well_inside
 from procam.estimate.light.inpaint import fill_picture, pixels_without_pattern
+from procam.estimate.light.picture_flux import picture_flux
 from procam.estimate.light.projector_images import CameraSight
 from procam.maths.codes.shot_id import CELLS_PER_PANEL, shot_id_pixels
 from procam.model.mask import Mask
@@ -57,7 +58,8 @@ def camera_sight(
     maybe_lit = inside & ~seen.direct.absent
     share = float(shot_ids_share.covered.mean())
     unknown = maybe_lit & ~seen.direct.seen & ~unpatterned
-    return CameraSight(xy, panel, lit, maybe_lit, unpatterned, unknown, white, base, share)
+    flux = picture_flux(screen, view, white)
+    return CameraSight(xy, panel, lit, maybe_lit, unpatterned, unknown, white, base, flux, share)
 
 
 def check_saturation(white: Image, on_screen: BoolArray, name: str) -> None:

@@ -9,6 +9,7 @@ from procam.files.venue.load import load_venue
 from procam.interfaces.cli import _sessions
 from procam.interfaces.cli._options import Json, SessionArgument
 from procam.interfaces.cli._output import Output, RunLog
+from procam.model.screen import Dome
 from procam.workflows.capture.newest import venue_of
 from procam.workflows.solve import calibrate as solving
 
@@ -26,11 +27,10 @@ def solve(session: SessionArgument, json: Json = False) -> None:
         report = _sessions.keep_report(venue.directory)
     written = solved.directory
     calibration = load_calibration(written)
-    output.say(f"{written}{f' and {report}' if report else ''} written, of session {session.name}")
+    output.say(f"{written} and {report} written, of session {session.name}")
     output.table(calibration.quality)
     notes = output.notes(calibration, solved.compared)
     directory = quote(str(venue.directory))
-    if report:
+    if isinstance(calibration.screen, Dome):
         output.say(f"look at the report; then improve it by photographs: procam refine {directory}")
-    shown = {"report": str(report)} if report else {}
-    output.finish({"calibration": str(written), **shown, "notes": notes})
+    output.finish({"calibration": str(written), "report": str(report), "notes": notes})

@@ -11,6 +11,7 @@ from procam.estimate.light.feedback import (
     estimate_feedback,
     estimate_scatter_per_flux,
 )
+from procam.estimate.light.picture_flux import PictureFlux
 from procam.estimate.light.separation import (
     CLEAR_CAMERA_PX,
     MAX_BLUR,
@@ -70,8 +71,13 @@ class Scene:
         bright = stripe(self.panel, bit)[columns].mean(axis=-1)
         return self.picture(bright), self.picture(1 - bright)
 
+    def untouched(self, more: np.ndarray | float = 0.0) -> Separation:
+        """Without any stripes yet; `more` light is in white."""
+        white = self.white() + np.float32(more)
+        return Separation(white, self.xy, self.lit, PictureFlux(self.solid, white))
+
     def separation(self, bits: Sequence[int] = SEPARATION_BITS) -> Separation:
-        separation = Separation(self.white(), self.xy, self.lit, self.solid)
+        separation = self.untouched()
         for axis in ("x", "y"):
             for bit in bits:
                 separation.add_pair(axis, bit, *self.pair(axis, bit))
@@ -160,7 +166,7 @@ class TestSeparation:
     def test_narrow_stripes_keep_their_middles(self, sigma_px: float, wide: float) -> None:
         """Even where four sigmas of the blur reach over all of a stripe; `wide`: of wide stripes."""
         scene = Scene(blur_px=(sigma_px,) * 3)
-        separation = Separation(scene.white(), scene.xy, scene.lit, scene.solid)
+        separation = scene.untouched()
         separation.add_pair("x", 3, *scene.pair("x", 3))
         assert 0.8 * wide < separation.blur < wide
         known = separation.dark_weight[scene.inner & np.isfinite(scene.xy).all(axis=-1)] > 0
@@ -171,13 +177,13 @@ class TestSeparation:
         self, px_per_px: float, sigma_px: float
     ) -> None:
         scene = Scene(px_per_px=px_per_px, blur_px=(sigma_px,) * 3)
-        separation = Separation(scene.white(), scene.xy, scene.lit, scene.solid)
+        separation = scene.untouched()
         separation.add_pair("x", 5, *scene.pair("x", 5))
         expected = px_per_px * np.hypot(sigma_px, 1 / np.sqrt(12)) / np.hypot(1, px_per_px)
         assert separation.blur == pytest.approx(expected, rel=0.1)
 
     def test_saturated_pixels_of_stripes_are_left_out(self, scene: Scene) -> None:
-        separation = Separation(scene.white(), scene.xy, scene.lit, scene.solid)
+        separation = scene.untouched()
         for axis in ("x", "y"):
             for bit in SEPARATION_BITS:
                 pattern, inverse = scene.pair(axis, bit)
@@ -190,7 +196,7 @@ class TestSeparation:
     def test_sharpened_stripes_are_brightest_beside_their_edges(
         self, scene: Scene, amount: float, sharp: bool
     ) -> None:
-        separation = Separation(scene.white(), scene.xy, scene.lit, scene.solid)
+        separation = scene.untouched()
         for bit in SEPARATION_BITS[::-1]:
             pair = [p + amount * (p - blur(p, 1.2)) for p in scene.pair("x", bit)]
             separation.add_pair("x", bit, *pair)
@@ -201,7 +207,7 @@ class TestSeparation:
     ) -> None:
         away = stripe_edge_distance(scene.xy[..., 0], SEPARATION_BITS[0])
         more = np.where(away < 5, 0.0, 0.3 * scene.direct.mean())[..., None]
-        separation = Separation(scene.white() + more, scene.xy, scene.lit, scene.solid)
+        separation = scene.untouched(more)
         for bit in SEPARATION_BITS[::-1]:
             separation.add_pair("x", bit, *(p + more / 2 for p in scene.pair("x", bit)))
         assert -0.1 < separation.overshoot < OVERSHOOT
@@ -214,7 +220,7 @@ class TestSeparation:
         bit, px_per_px = 8, 1.6
         scene = Scene(right=int(50 + 2**bit / px_per_px) + columns, px_per_px=px_per_px)
         uneven = 0.005
-        separation = Separation(scene.white(), scene.xy, scene.lit, scene.solid)
+        separation = scene.untouched()
         for each in SEPARATION_BITS:
             separation.add_pair("x", each, *scene.pair("x", each))
             pattern, inverse = scene.pair("x", bit)
@@ -242,7 +248,7 @@ class TestSeparation:
 
     def test_a_glint_in_one_picture_stays_local(self, scene: Scene, light: SeparatedLight) -> None:
         """A pixel that saturates in one picture must not affect the map around it."""
-        separation = Separation(scene.white(), scene.xy, scene.lit, scene.solid)
+        separation = scene.untouched()
         for axis in ("x", "y"):
             for bit in SEPARATION_BITS:
                 pattern, inverse = scene.pair(axis, bit)

@@ -5,6 +5,7 @@ A pattern and its inverse do not add up to white there: half the drive is a fift
 
 import numpy as np
 
+from procam.estimate.light.picture_flux import PictureFlux
 from procam.estimate.light.separation import Separation
 from procam.maths.codes.gray import stripe
 
@@ -35,7 +36,8 @@ def test_edges_take_nothing_from_the_direct_light() -> None:
 
     xy = np.stack([x, y], axis=-1).astype(np.float32)
     lit = np.ones((SIZE, SIZE), bool)
-    separation = Separation(seen(np.ones((SIZE, SIZE))), xy, lit, solid)
+    white = seen(np.ones((SIZE, SIZE)))
+    separation = Separation(white, xy, lit, PictureFlux(solid, white))
     for axis in ("x", "y"):
         for bit in BITS:
             pictures = (seen(drawn(bit, inverse, axis)) for inverse in (0, 1))

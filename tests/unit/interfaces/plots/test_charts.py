@@ -1,9 +1,10 @@
-"""Colour scales and values on the dome."""
+"""Colour scales and values on the canvas."""
 
 import numpy as np
 import pytest
 
-from procam.interfaces.plots.charts import Scale, on_dome
+from procam.interfaces.plots.charts import Scale, on_canvas
+from procam.maths.geometry.canvas import STANDARD
 from procam.maths.geometry.sphere import master_directions, master_pixels
 
 MINUS = "\N{MINUS SIGN}"
@@ -12,7 +13,7 @@ MINUS = "\N{MINUS SIGN}"
 def test_values_are_drawn_where_their_directions_point():
     direction, inside = master_directions(33)
     elevation = direction[..., 2]
-    drawn = on_dome(direction[inside], elevation[inside], 33)
+    drawn = on_canvas(STANDARD, direction[inside], elevation[inside], 33)
     np.testing.assert_allclose(drawn[inside], elevation[inside], atol=1e-12)
     column, row = master_pixels(np.array([1.0, 0.0, 0.0]), 33)  # the front
     assert row > column and np.isnan(drawn[0, 0])

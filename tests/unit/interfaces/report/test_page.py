@@ -229,9 +229,10 @@ def test_before_and_after_are_scaled_by_one_factor(venue):
     material = read_material(venue)
     seen, (block,) = material.before_after(), light.pictures(material)
     first = block.groups[0]
-    assert [dome.title for dome in first.domes] == ["Before", "After", "Intended"]
+    assert [picture.title for picture in first.pictures] == ["Before", "After", "Intended"]
     shown = (seen.before, seen.after)
-    assert [dome.image for dome in first.domes[:2]] == [first.scale.paint(p) for p in shown]
+    painted = [first.scale.paint(p, material.inside(len(p))) for p in shown]
+    assert [picture.image for picture in first.pictures[:2]] == painted
     assert "equal exposure" in block.caption
 
 

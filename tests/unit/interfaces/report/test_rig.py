@@ -8,7 +8,7 @@ import numpy as np
 
 from procam.files.calibration import save_calibration
 from procam.files.versions import next_directory
-from procam.interfaces.report import dome
+from procam.interfaces.report import rig
 from procam.interfaces.report.blocks import Table
 from procam.interfaces.report.data import read_material
 from procam.model.calibration import Calibration
@@ -33,7 +33,7 @@ def _saved(folder: Path, calibrations: Sequence[Calibration]) -> Path:
 
 
 def _tables(folder: Path) -> list[Table]:
-    return [b for b in dome.feedback(read_material(folder)) if isinstance(b, Table)]
+    return [b for b in rig.feedback(read_material(folder)) if isinstance(b, Table)]
 
 
 def test_each_state_has_its_row(tmp_path: Path, calibration: Calibration) -> None:

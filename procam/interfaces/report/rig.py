@@ -3,94 +3,104 @@
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from procam.arrays import Array, FloatArray
 from procam.files.images.layers import read_layers
 from procam.interfaces.plots import charts as plots
 from procam.interfaces.plots.charts import Scale
-from procam.interfaces.plots.figure import css_colour
+from procam.interfaces.report.before_after import WHOLE
 from procam.interfaces.report.blocks import (
     Block,
     Charts,
-    DomePicture,
-    Domes,
-    Group,
+    Pictures,
     Table,
     Text,
     calibrating,
+    categories,
     extent,
     not_there,
     painted,
     signed,
 )
-from procam.interfaces.report.data import SHOWN, WHOLE, Material, on_master, resized
+from procam.interfaces.report.data import SHOWN, Material
 from procam.interfaces.report.words import number, percent
-from procam.maths.geometry.sphere import angle_between, master_solid_angles
+from procam.maths.geometry.sphere import angle_between
 from procam.model.calibration import Calibration
 from procam.model.photometry import PRIMARIES
 from procam.model.quality import Figure
+from procam.model.screen import Dome
 from procam.model.transport import Measured
 
+FINEST = " A 4K dome picture has pixels of 2.6 arcmin."
+ALBEDO = "computed from m and the floor's albedo, and compensation does not depend on it"
+ROOM_ALBEDO = "what the walls scatter, over all that arrives at them by their shapes"
 COUNT_WORDS = ("none", "one", "two", "three", "four or more")
 
 
 def coverage(material: Material) -> Iterator[Block]:
-    """How many projectors reach each direction, and how they share it."""
+    """How many projectors reach each place, and how they share it."""
     if material.calibration is None:
         yield not_there("The map of which projector lights what", calibrating(material))
         return
     projectors = material.calibration.projectors
-    blends = {f"Share of {n}": on_master(p.surface, p.blend) for n, p in projectors.items()}
-    size = min(len(b) for b in blends.values())
+    blends = {
+        f"Share of {n}": material.on_screen(p.surface, p.blend) for n, p in projectors.items()
+    }
+    size = min(b.shape[1] for b in blends.values())
     lit = material.coverage(size) > 0.5
-    count = np.sum([np.isfinite(_nearest(b, size)) for b in blends.values()], axis=0) * lit
-    solid = master_solid_angles(size)
-    twice = float((solid * (count > 1)).sum() / max((solid * lit).sum(), 1e-12))
+    count = np.sum([np.isfinite(_nearest(b, lit.shape)) for b in blends.values()], axis=0) * lit
+    weight = material.canvas.weights(size)
+    twice = float((weight * (count > 1)).sum() / max((weight * lit).sum(), 1e-12))
     share = Scale("share of the light [%]", 0.0, 1.0, "amount", 100.0)
-    yield Domes(
-        [_counted(count), painted(blends, share)],
-        f"First: how many projectors reach each direction; {percent(twice, 2)} of the lit dome is "
+    legend = list(zip(plots.COUNTS, COUNT_WORDS, strict=True))[: count.max() + 1]
+    yield Pictures(
+        [
+            categories(material, {"Projectors per place": count}, legend),
+            painted(material, blends, share),
+        ],
+        f"First: how many projectors reach each place; {percent(twice, 2)} of the lit {material.word} is "
         "reached by more than one. Then, per projector, the share of the light it gives (its "
         "blend): where two meet, the shares fade across each other and add up to 100 %. Grey: "
         "the projector does not reach there.",
     )
 
 
-def _counted(count: NDArray[np.integer]) -> Group:
-    image = plots.paint_categories(count, plots.COUNTS)
-    pairs = [(css_colour(c), t) for c, t in zip(plots.COUNTS, COUNT_WORDS, strict=True)]
-    return Group([DomePicture("Projectors per direction", image)], None, pairs[: count.max() + 1])
-
-
-def _nearest(picture: FloatArray, size: int) -> FloatArray:
-    """A dome master by its nearest pixels at another size; keeps NaN."""
-    pick = np.minimum(np.arange(size) * len(picture) // size, len(picture) - 1)
-    return np.asarray(picture[np.ix_(pick, pick)])
+def _nearest(picture: FloatArray, shape: tuple[int, ...]) -> FloatArray:
+    """A picture by its nearest pixels at another size; keeps NaN."""
+    pick = [np.arange(n) * have // n for n, have in zip(shape, picture.shape, strict=True)]
+    return np.asarray(picture[np.ix_(*pick)])
 
 
 def mapping(material: Material) -> Iterator[Block]:
-    """Expected and true direction errors, and whether the dome is a sphere."""
+    """Expected and true direction errors, and whether the screen is what it is stated to be."""
     if material.calibration is None:
         yield not_there("The map of direction errors", calibrating(material))
         return
     shown: dict[str, Array] = {}
     for name, projector in material.calibration.projectors.items():
         surface = projector.surface
-        shown[f"{name}: expected error"] = on_master(surface, surface.sigma_arcmin)
+        shown[f"{name}: expected error"] = material.on_screen(surface, surface.sigma_arcmin)
         error = _true_errors(material, name)
         if error is not None:
-            shown[f"{name}: true error"] = on_master(surface, error)
+            shown[f"{name}: true error"] = material.on_screen(surface, error)
     end = extent(np.concatenate([values.ravel() for values in shown.values()]), 0.01)
     true = "; true: compared with the simulator" if material.truth else ""
-    yield Domes(
-        [painted(shown, Scale("angle on the dome [arcmin]", 0.0, end))],
-        "How far each projector pixel may be from its calculated place on the dome (expected: one "
-        "standard error, from the scatter of the camera's observations and of the surveyed marks"
+    yield Pictures(
+        [painted(material, shown, Scale("angle from the middle [arcmin]", 0.0, end))],
+        f"How far each projector pixel may be from its calculated place in the {material.word} (expected: "
+        "one standard error, from the scatter of the camera's observations and of the surveyed marks"
         f"{true}). One minute of arc is a sixtieth of a degree, about the finest detail an eye "
-        "resolves. A 4K dome picture has pixels of 2.6 arcmin.",
+        f"resolves.{FINEST if material.is_dome else _finest(material)}",
     )
     yield from _geometry(material.calibration)
+
+
+def _finest(material: Material) -> str:
+    """What an arc minute is on the walls of a room."""
+    assert material.calibration is not None
+    far_m = material.calibration.screen.shape.radius_m
+    millimetres = number(1e3 * far_m * np.radians(1 / 60), 2)
+    return f" It is {millimetres} mm on what is farthest from the middle of the room."
 
 
 def _true_errors(material: Material, name: str) -> Array | None:
@@ -113,11 +123,11 @@ def _geometry(calibration: Calibration) -> Iterator[Block]:
     residual = calibration.quality.get("geometry_residual_rms_px")
     if residual is not None:
         yield Text(
-            f"The model of cameras, projectors and dome fits {number(residual.samples)} observations "
+            f"The model of cameras, projectors and screen fits {number(residual.samples)} observations "
             f"to {number(_mean(residual))} projector pixels (root mean square)."
         )
     sphere = calibration.quality.get("sphere_variance_ratio")
-    if sphere is not None:
+    if sphere is not None and isinstance(calibration.screen, Dome):
         verdict = "The dome is a sphere, as far as the cameras can measure"
         if not sphere.passed:
             solved = calibration.screen.shape.degree
@@ -162,15 +172,20 @@ def levels(material: Material) -> Iterator[Block]:
         return
     maps, size = material.calibration.maps, _map_size(material.calibration)
     inside = material.coverage(size) > WHOLE
-    hi, lo = (np.where(inside[..., None], resized(m, size), np.nan) for m in (maps.hi, maps.lo))
+    hi, lo = (
+        np.where(inside[..., None], material.resized(m, size), np.nan) for m in (maps.hi, maps.lo)
+    )
     white, black = hi.mean(axis=-1), lo.mean(axis=-1)
     bright = Scale("full light, 1 = white", 0.0, extent(white, 0.1, 0.1))
     dark = Scale("black [% of white]", 0.0, extent(black, 1e-5), "alternative", 100.0)
-    yield Domes(
-        [painted({"Brightest white": white}, bright), painted({"Darkest black": black}, dark)],
-        "The most and the least light that all projectors together put on each direction, before "
+    yield Pictures(
+        [
+            painted(material, {"Brightest white": white}, bright),
+            painted(material, {"Darkest black": black}, dark),
+        ],
+        "The most and the least light that all projectors together put on each place, before "
         "light bounces; compensation works between these two limits. White = 1 is the level that "
-        "practically every lit direction can reach (all but one in a thousand).",
+        "practically every lit place can reach (all but one in a thousand).",
     )
     rows = [
         [f"{title}, {c}", *_spread(level[inside][:, i], as_percent)]
@@ -189,7 +204,7 @@ def _spread(values: FloatArray, as_percent: bool) -> list[str]:
 
 
 def _map_size(calibration: Calibration) -> int:
-    """The size at which dome maps are shown."""
+    """The width at which maps are shown."""
     return calibration.maps.size // max(1, round(calibration.maps.size / SHOWN))
 
 
@@ -200,14 +215,14 @@ def feedback(material: Material) -> Iterator[Block]:
         return
     arriving = 100 * (1 + float(material.calibration.feedback.value.mean()))
     yield Text(
-        "Feedback m is the bounced light per unit of light projected when the whole dome is "
-        f"white: here 100 units sent by the projectors arrive as {arriving:.0f}. Albedo is the "
-        "share of light that the screen reflects; it is computed from m and the floor's albedo, and "
-        "compensation does not depend on it."
+        "Feedback m is the bounced light per unit of light projected when the whole "
+        f"{material.word} is white: here 100 units sent by the projectors arrive as {arriving:.0f}. "
+        f"Albedo is the share of light that the screen reflects; "
+        f"it is {ALBEDO if material.is_dome else ROOM_ALBEDO}."
     )
     yield _measured(material, material.calibration)
     if material.calibration.states:
-        yield _states(material.calibration)
+        yield _states(material, material.calibration)
     yield _bounce_maps(material, material.calibration)
 
 
@@ -226,22 +241,23 @@ def _measured(material: Material, calibration: Calibration) -> Table:
     return Table(head, rows)
 
 
-def _states(calibration: Calibration) -> Table:
+def _states(material: Material, calibration: Calibration) -> Table:
     """Venue states, beside the calibrated one."""
     maps = calibration.maps
-    solid = master_solid_angles(maps.size) * maps.coverage
+    weight = material.canvas.weights(maps.size) * maps.coverage
     rows = [["as calibrated", *_intervals(calibration.feedback), "not measured"]]
     for name, state in calibration.states.items():
         ambient = "none"
         if state.ambient is not None:
-            mean = np.tensordot(solid, state.ambient, 2) / solid.sum()
+            mean = np.tensordot(weight, state.ambient, 2) / weight.sum()
             ambient = " / ".join(percent(v, 2) for v in mean)
         rows.append([name, *_intervals(state.feedback), ambient])
     return Table(
         ["Venue state", *(f"Feedback m, {c}" for c in PRIMARIES), "The room's own light"],
         rows,
         "An audience changes how much light bounces: in brackets the 95 % interval. The room's own "
-        "light, exit signs and the like, is the mean over the lit dome, of white, red / green / blue.",
+        f"light, exit signs and the like, is the mean over the lit {material.word}, of white, "
+        "red / green / blue.",
     )
 
 
@@ -253,23 +269,25 @@ def _intervals(measured: Measured) -> list[str]:
     ]
 
 
-def _bounce_maps(material: Material, calibration: Calibration) -> Domes:
+def _bounce_maps(material: Material, calibration: Calibration) -> Pictures:
     size = _map_size(calibration)
     inside = material.coverage(size) > WHOLE
     maps = calibration.maps
-    albedo, scatter = (resized(m, size).mean(axis=-1) for m in (maps.albedo, maps.scatter_per_flux))
+    albedo, scatter = (
+        material.resized(m, size).mean(axis=-1) for m in (maps.albedo, maps.scatter_per_flux)
+    )
     known = albedo[inside] if inside.any() else np.array([0.0, 1.0])
     low, high = np.percentile(known, (0.5, 99.5))
     reflect = Scale("albedo", float(low), float(max(high, low + 1e-3)))
     middle = float(scatter[inside].mean()) if inside.any() else 1.0
     relative = np.where(inside, scatter / max(middle, 1e-12) - 1, np.nan)
     spread = signed("against the mean [%]", extent(relative, 0.01))
-    return Domes(
+    return Pictures(
         [
-            painted({"Albedo": np.where(inside, albedo, np.nan)}, reflect),
-            painted({"Bounced light against its mean": relative}, spread),
+            painted(material, {"Albedo": np.where(inside, albedo, np.nan)}, reflect),
+            painted(material, {"Bounced light against its mean": relative}, spread),
         ],
         "First: how much light each part of the screen reflects; seams and stains are darker. "
-        "Second: where there is more (red) or less (blue) bounced light than on average. On a "
-        "perfect dome both would be flat.",
+        "Second: where there is more (red) or less (blue) bounced light than on average."
+        + (" On a perfect dome both would be flat." if material.is_dome else ""),
     )
