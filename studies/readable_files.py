@@ -12,14 +12,17 @@ import cv2
 import numpy as np
 
 from procam.files.bundle.write import writing_bundle
+from procam.files.form_factors import write_form_factors
 from procam.files.history.record import recorded
 from procam.files.images.pixels import write_image
 from procam.files.output_log import OutputLog
 from procam.files.session import Session
 from procam.files.venue.load import load_venue
 from procam.generators import result_of
+from procam.maths.mesh.rooms import planned_room
 from procam.model.frame import CameraSettings, Frame
 from procam.model.plan import Plan, Shot
+from procam.model.screen import RoomScreen
 from procam.workflows.capture.settings import keep_settings
 from procam.workflows.photographs.driven import Wanted
 from procam.workflows.photographs.rounds import Rounds
@@ -44,6 +47,8 @@ METER = "projector,patch,azimuth_deg,elevation_deg,Y,x,y\n" + "".join(
     f"south,{patch},10,40,{light},0.31,0.33\n"
     for patch, light in (("white", 11.5), ("black", 0.02))
 )
+ROOM = RoomScreen("box", (4.0, 4.0, 3.0), ("front",))
+vars(ROOM)["room"] = planned_room(ROOM.kind, ROOM.size, ROOM.lit, 300)  # in a moment
 WANTED = Wanted({"south": np.zeros((80, 128, 3), np.float32)}, 0.1)
 
 
@@ -72,6 +77,7 @@ def make_files(folder: Path) -> None:
     (folder / "locked").mkdir()
     (folder / "locked" / ".lock").write_text("`procam verify` (process 17)")
     (folder / "code.toml").write_text(CODE)
+    write_form_factors(folder / "form-factors.npz", ROOM)
     (folder / "meter.csv").write_text(METER)
     (folder / "response.csv").write_text("level,light\n0,0\n0.3,0.1\n0.8,0.6\n1,1\n")
     (folder / "photographs.csv").write_text("file,shot\na.png,dark\nb.png,south-0000\n")

@@ -25,6 +25,7 @@ from procam.files.bundle.read import open_bundle, read_manifest
 from procam.files.calibration import load_calibration, load_dome, metered_white
 from procam.files.code_file import load_code
 from procam.files.dataset import load_dataset
+from procam.files.form_factors import read_form_factors
 from procam.files.history.figures import calibration_figures
 from procam.files.history.read import figures_csv, list_runs, verify_unchanged
 from procam.files.history.record import recorded
@@ -52,7 +53,7 @@ from procam.workflows.playout.pipe_clip import read_frame
 from procam.workflows.playout.sources import read_clip_frame
 from procam.workflows.refine.stored_pictures import read_frames, read_square
 from studies.preference import answers, plan
-from studies.readable_files import CALIBRATION, SESSION, SHOTS, WANTED, all_files, rounds_in
+from studies.readable_files import CALIBRATION, ROOM, SESSION, SHOTS, WANTED, all_files, rounds_in
 
 WHITE_LIGHT = 0.9  # of which a picture may not become black by a profile
 
@@ -259,6 +260,12 @@ def _mesh(path: Path) -> object:
         return load_mesh(path)
 
 
+def _factors(path: Path) -> object:
+    """The light that faces see, each with another light."""
+    light = np.arange(len(ROOM.room.faces), dtype=float)[:, None]
+    return read_form_factors(path, ROOM).gather(light).tobytes()
+
+
 def _index(path: Path) -> object:
     return read_index(path, Plan(SHOTS), [path.with_name("a.png"), path.with_name("b.png")])
 
@@ -318,6 +325,7 @@ READERS = (
     Reader("mesh, PLY", "dome.ply", _mesh),
     Reader("loop.json", "loop/loop.json", read_loop),
     Reader("code.toml", "code.toml", load_code),
+    Reader("form factors", "form-factors.npz", _factors, lossless=True),
     Reader("response.csv", "response.csv", lambda p: load_response(p.name, p.parent)),
     Reader("meter.csv", "meter.csv", lambda p: read_meter(p, ["south"])),
     Reader("photographs.csv", "photographs.csv", _index),

@@ -1,4 +1,4 @@
-"""Calibration directories: calibration.json, maps/PROJECTOR.exr, dome.exr, state-NAME.exr.
+"""Calibration directories: calibration.json, maps/PROJECTOR.exr, dome.exr, state-NAME.exr, form factors.
 
 Numbers go to JSON with their sigmas, maps to EXR channels. The file is longer than 300 lines because
 each part is written and read in one place, so that the two cannot drift apart.
@@ -26,6 +26,7 @@ from procam.model.correspondence import ProjectorSurface
 from procam.model.mask import Mask
 from procam.model.optics import CameraModel, ProjectorModel
 from procam.model.photometry import Photometry
+from procam.model.screen import RoomScreen
 from procam.model.transport import ScatterKernel, ScreenMaps
 from procam.model.venue_state import VenueState
 
@@ -78,8 +79,23 @@ def save_calibration(calibration: Calibration, directory: str | Path) -> None:
             if state.ambient is not None:
                 path = temporary / "maps" / ambient_file(name)
                 write_channels(path, {c: state.ambient[..., i] for i, c in enumerate(RGB)})
+        screen = calibration.screen
+        if isinstance(screen, RoomScreen) and screen.has_factors:
+            _write_factors(temporary / "maps", screen)
         text = json.dumps(_document(calibration), indent=1, default=np.ndarray.tolist)
         (temporary / "calibration.json").write_text(text, encoding="utf-8")
+
+
+def _write_factors(maps: Path, screen: RoomScreen) -> None:
+    from procam.files.form_factors import NAME, write_form_factors  # noqa: PLC0415 - SciPy
+
+    write_form_factors(maps / NAME, screen)
+
+
+def _with_factors(maps: Path, screen: RoomScreen) -> RoomScreen:
+    from procam.files.form_factors import NAME, with_form_factors  # noqa: PLC0415 - SciPy
+
+    return with_form_factors(screen, maps / NAME)
 
 
 def ambient_file(state: str) -> str:
@@ -240,6 +256,8 @@ def _calibration(directory: Path, document: dict[str, Any], keep: Keep | None) -
     maps = read_layers(directory / "maps" / "dome.exr")
     screen = entries.screen(document["screen"])
     check_maps(maps, screen)
+    if isinstance(screen, RoomScreen):
+        screen = _with_factors(directory / "maps", screen)
     kept = dict[str, ProjectorCalibration]()
     if keep:
         for name, entry in document["projectors"].items():

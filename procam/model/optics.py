@@ -84,7 +84,8 @@ class Fiducial:
 
     `azimuth`, `elevation` [rad] from the dome's centre with standard error `sigma` [rad]; None where
     not known: a springline mark has an elevation alone. `device` is the camera that sees it at `pixel`
-    (2,), or the projector that shows it there.
+    (2,), or the projector that shows it there. `camera_sigma` [rad] is the part of `sigma` that is an error
+    of the pixel, as an angle about the camera.
     """
 
     name: str
@@ -93,6 +94,7 @@ class Fiducial:
     sigma: float
     device: str
     pixel: Array
+    camera_sigma: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

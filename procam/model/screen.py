@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from procam.maths.mesh.shape import MeshShape
 
 FACES = 4000  # of a room, about
+GEOMETRY = ("room", "shape", "canvas", "factors")  # what is kept of a room
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,6 +133,23 @@ class RoomScreen:
         from procam.maths.mesh.compressed import compressed_factors  # noqa: PLC0415 - SciPy
 
         return compressed_factors(self.room.vertices, self.room.faces)
+
+    def with_factors(self, factors: "CompressedFactors") -> "RoomScreen":
+        """The room with form factors that were computed before."""
+        found = self.with_others(self.others)
+        vars(found)["factors"] = factors
+        return found
+
+    def with_others(self, others: tuple[tuple[str, float, float], ...]) -> "RoomScreen":
+        """The room with other albedos of what is not lit; what was computed of its shape is kept."""
+        found = replace(self, others=others)
+        vars(found).update({name: vars(self)[name] for name in GEOMETRY if name in vars(self)})
+        return found
+
+    @property
+    def has_factors(self) -> bool:
+        """Whether its form factors have been computed."""
+        return "factors" in vars(self)
 
     @cached_property
     def stated_albedo(self) -> Array:

@@ -92,7 +92,8 @@ def tag_fiducials(
             survey = tag.sigma * len(seen) ** 0.5
             detection = CENTRE_PX / float(cameras[camera].lens.focal.mean())
             sigma, pixel = float(np.hypot(survey, detection)), observed[camera].centres[tag.name]
-            marks.append(Fiducial(tag.name, tag.azimuth, tag.elevation, sigma, camera, pixel))
+            angles = tag.azimuth, tag.elevation
+            marks.append(Fiducial(tag.name, *angles, sigma, camera, pixel, detection))
     return marks
 
 

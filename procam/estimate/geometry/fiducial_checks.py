@@ -80,8 +80,8 @@ def _check_fiducials(rig: RigGeometry, fiducials: Sequence[Fiducial], slack: flo
         cause += f" ({' or '.join(suspects)} is wrong)"
     off = np.degrees(worst * max(f.sigma for f in soft))
     raise CalibrationError(
-        f"fiducials: {cause}, off by up to {off:.2g} degrees. Check azimuth_deg, elevation_deg and "
-        "pixel, that the pixel shows this fiducial, and f, c and k of the camera."
+        f"fiducials: {cause}, off by up to {off:.2g} degrees. Check azimuth_deg and elevation_deg "
+        "(canvas_m in a room), pixel, that the pixel shows this fiducial, and f, c and k of the camera."
     )
 
 
@@ -95,8 +95,8 @@ def fiducial_notes(rig: RigGeometry, fiducials: Sequence[Fiducial], *, rough: bo
         return []
     text = (
         f"the fiducials are up to {sigmas:.1f} standard errors from where they fit together best, so that "
-        "directions on the dome may be off by more than is stated. Check azimuth_deg, elevation_deg and "
-        "pixel of each, and sigma_deg and sigma_px"
+        "directions may be off by more than is stated. Check azimuth_deg, elevation_deg "
+        "(in a room canvas_m) and pixel of each, and their standard errors"
     )
     return [Note("fiducials disagree", "", text, sigmas / NOTED)]
 

@@ -14,8 +14,10 @@ from procam.kernels.bundle.reference import point_slopes, rays_sent
 from procam.maths.geometry.lenses import unproject
 from procam.maths.geometry.pose import Pose, align_rotation, rotation_matrix, rotation_vector
 from procam.maths.geometry.sphere import angles_from_direction, direction_from_angles, normalise
+from procam.maths.mesh.shape import MeshShape
 from procam.model.optics import Distance, Fiducial
 
+PIXEL_STEP = 0.1  # of a mark's pixel, for numerical derivatives
 STEP = 1e-5  # [m] of a point, for numerical derivatives of its residual
 
 
@@ -40,6 +42,35 @@ def fiducial_rows(
         along = (a - b) / np.linalg.norm(a - b)
         rows.append((along @ (by_a - by_b) / distance.sigma_m)[None])
     return error, np.concatenate(rows)
+
+
+def with_camera_errors(rig: RigGeometry, fiducials: Sequence[Fiducial]) -> list[Fiducial]:
+    """Fiducials in a room, where an error of a pixel may be a larger angle about the room's origin.
+
+    A camera that is nearer to its mark than the origin makes less of it, and one that looks along the wall
+    makes more. In a dome both see it from about the middle.
+    """
+    if not isinstance(rig.shape, MeshShape):
+        return list(fiducials)
+    return [_with_camera_error(rig, each) for each in fiducials]
+
+
+def _with_camera_error(rig: RigGeometry, fiducial: Fiducial) -> Fiducial:
+    if not fiducial.camera_sigma or fiducial.device not in rig.cameras:
+        return fiducial
+    focal = rig.cameras[fiducial.device].lens.focal
+    there = normalise(fiducial_point(rig, fiducial))
+    slopes = [
+        (normalise(fiducial_point(rig, _moved(fiducial, step))) - there) * focal[i] / PIXEL_STEP
+        for i, step in enumerate(PIXEL_STEP * np.eye(2))
+    ]
+    larger = float(np.linalg.norm(np.nan_to_num(slopes, nan=1.0), 2))
+    added = (larger**2 - 1) * fiducial.camera_sigma**2
+    return replace(fiducial, sigma=float(np.sqrt(fiducial.sigma**2 + added)))
+
+
+def _moved(fiducial: Fiducial, step: Array) -> Fiducial:
+    return replace(fiducial, pixel=np.asarray(fiducial.pixel, float) + step)
 
 
 def fiducial_residuals(

@@ -25,7 +25,7 @@ from procam.estimate.geometry.adjustment import (
 )
 from procam.estimate.geometry.creases import widened_at_creases
 from procam.estimate.geometry.fiducial_checks import check_fiducials
-from procam.estimate.geometry.fiducials import rotated_to_fiducials
+from procam.estimate.geometry.fiducials import rotated_to_fiducials, with_camera_errors
 from procam.estimate.geometry.model import (
     Observations,
     Pair,
@@ -131,6 +131,7 @@ def solve_geometry(problem: RigProblem) -> GeometrySolution:
     rig = _fitted(problem, few, _in_place(problem, few))
     observations = widened_at_creases(rig, problem.observations)
     if isinstance(rig.shape, MeshShape):
+        problem = replace(problem, fiducials=with_camera_errors(rig, problem.fiducials))
         few = _thinned(observations)
         rig = _fitted(problem, few, rig)
     on_sphere = _mean_ratio(rig, few)

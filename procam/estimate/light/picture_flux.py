@@ -5,26 +5,38 @@ the ratio of their fluxes. In a room it is the ratio of what arrives at each pla
 stripes of a wall light a place beside it by more, or by less, than their share of white.
 """
 
+from collections.abc import Iterator
+
 import numpy as np
 
-from procam.arrays import Array, FloatArray, Image
+from procam.arrays import Array, BoolArray, FloatArray, Image
 from procam.estimate.geometry.camera_view import ScreenView
 from procam.estimate.light.room_view import RoomView
 from procam.model.screen import RoomScreen, Screen
 
-LEAST = 1e-6  # of the brightest light that arrives: less lights nothing
+LEAST = 1e-3  # of the brightest light that arrives: less lights nothing
 
 
 class PictureFlux:
     """Flux of pictures on the screen, in all and over that of white (H, W, 3).
 
-    `weight` (H, W) is that of the camera pixels [sr or m^2]; 0 off the screen, or where white is not known.
+    Attributes
+    ----------
+    weight : (H, W) of the camera pixels [sr or m^2]; 0 off the screen, or where white is not known.
+    pattern : how scattered light of white differs from place to place, up to the paint; a number where it
+        does not, or (H, W, 3).
     """
+
+    pattern: Image | float = 1.0
 
     def __init__(self, weight: FloatArray, white: Image) -> None:
         usable = np.isfinite(white).all(axis=-1)
         self.weight = np.where(usable, weight, 0).astype(np.float32)
         self._white = self.total(white)
+
+    def parts(self) -> Iterator[BoolArray]:
+        """Parts (H, W) of the picture, over which paint and scattered light have no edges."""
+        yield np.ones(self.weight.shape, bool)
 
     def total(self, light: Image) -> Array:
         """Flux (C,) on the screen [radiance sr or m^2]; saturated pixels count as 0."""
@@ -47,12 +59,16 @@ class RoomFlux(PictureFlux):
     def __init__(self, room: RoomView, white: Image) -> None:
         super().__init__(room.faces.area, white)
         self._room, arriving = room, room.at_pixels(room.irradiance(white))
-        self._arriving = np.maximum(arriving, LEAST * arriving.max())
+        self.pattern = np.maximum(arriving, np.float32(LEAST * arriving.max()))
+
+    def parts(self) -> Iterator[BoolArray]:
+        """Each wall."""
+        yield from self._room.parts()
 
     def share(self, light: Image) -> FloatArray:
         """By the irradiance of each place."""
         arriving = self._room.at_pixels(self._room.irradiance(light))
-        arriving /= self._arriving
+        arriving /= self.pattern
         return np.maximum(arriving, 0, out=arriving)
 
 

@@ -7,7 +7,7 @@ venue.toml states.
 """
 
 from collections.abc import Collection
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from procam.errors import OutOfModelRange
 from procam.estimate.geometry.camera_view import ScreenView
 from procam.estimate.light.room_view import RoomView, settled
 from procam.estimate.light.separation import SeparatedLight
-from procam.maths.warp import sample
+from procam.maths.warp import local_median, sample
 from procam.model.screen import RoomScreen
 from procam.model.transport import Measured
 
@@ -183,7 +183,9 @@ def _local_albedo(
     local = np.where(lit[..., None], faces[raster.face], 0)
     good = (covered > 0.99) & lit & (arriving > 0).all(axis=-1)
     local[good] = seen[good] / arriving[good]
-    return np.clip(local, 0, BRIGHTEST).astype(np.float32)
+    # borders of projectors' pictures are a few pixels wide, and show a little of their direct light
+    local = np.stack([local_median(plane, lit) for plane in np.moveaxis(local, -1, 0)], axis=-1)
+    return np.clip(local * lit[..., None], 0, BRIGHTEST).astype(np.float32)
 
 
 def _with_others(screen: RoomScreen, faces: Array, known: BoolArray, area: Array) -> RoomScreen:
@@ -197,7 +199,7 @@ def _with_others(screen: RoomScreen, faces: Array, known: BoolArray, area: Array
             continue
         value = float(np.average(faces[seen].mean(axis=1), weights=area[seen]))
         found.append((name, round(value, 4), round(OTHERS_SIGMA * value, 4)))
-    return replace(screen, others=tuple(found))
+    return screen.with_others(tuple(found))
 
 
 def _check_seen(camera: str, share: float) -> None:

@@ -1,5 +1,7 @@
 """A room as the main camera sees it: light of its faces, and what of it arrives at them again."""
 
+from collections.abc import Iterator
+
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -29,7 +31,12 @@ class RoomView:
         seen = np.bincount(self.faces.face[used], self.faces.area[used], len(area))
         self.known: BoolArray = seen > SEEN * area
         self._factors, self._stated = screen.factors, screen.stated_albedo[:, 0]
-        self._like = _nearest_known(screen, self.known)
+        self._room, self._like = screen.room, _nearest_known(screen, self.known)
+
+    def parts(self) -> Iterator[BoolArray]:
+        """Pixels (H, W) of each part of the room."""
+        for number in range(len(self._room.names)):
+            yield (self._room.part == number)[self.faces.face] & (self.faces.face >= 0)
 
     def mean(self, picture: Image) -> Array:
         """Light (F, C) of the faces in a picture (H, W, C); 0 where it is neither seen nor lit."""

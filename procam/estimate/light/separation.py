@@ -19,6 +19,7 @@ from procam.maths.warp import blur_within, grow
 # distance from a stripe's edge beyond which it leaves no direct light: at least so much [projector px],
 # so many sigmas of the measured blur, of which 3e-5 is left, and at most this share of half a stripe
 CLEAR_PX, CLEAR_SIGMAS, CLEAR_SHARE = 3.0, 4.0, 0.75
+NEVER_CLEAR = 2.0  # halves of stripes over which they are blurred: seen along a wall, none is dark
 # sigma of the edges' blur [pixel extents], up to which scattered light is right to 0.5 % at any pixel;
 # in focus it is 0.3 to 0.8
 MAX_BLUR = 2.5
@@ -132,9 +133,10 @@ class Separation:
         surplus, both = ((shares[0] - shares[1])[..., GREEN], (shares[0] + shares[1])[..., GREEN])
         direct = self._direct_green(pattern, inverse, bright, surplus)
         self._edges.add(direct, away_px, self._inside)
-        reach = np.minimum(CLEAR_SIGMAS * self.blur * extent, CLEAR_SHARE * 2.0**bit)
+        blurred = CLEAR_SIGMAS * self.blur * extent
+        reach = np.maximum(CLEAR_PX, np.minimum(blurred, CLEAR_SHARE * 2.0**bit))
         with np.errstate(invalid="ignore"):
-            near_edge = distance <= np.maximum(CLEAR_PX, reach)
+            near_edge = (distance <= reach) | (blurred > NEVER_CLEAR * 2.0**bit)
         # a media server draws edges as greys, which do not add up to white
         sound = ~near_edge & known
         for picture in (pattern, inverse):
@@ -199,17 +201,27 @@ class Separation:
         border = grow(self._inside, 2 + self.clear_px) & ~self._inside
         known &= ~border
         self._dark_sum /= np.maximum(self.dark_weight, np.float32(1e-12))[..., None]
-        scattered = blur_within(self._dark_sum, known, GLOBAL_BLUR_PX)
-        for blur_px in FILL_BLURS_PX:
-            missing = on_screen & (scattered[..., 1] == 0)
-            if missing.any():
-                scattered[missing] = blur_within(self._dark_sum, known, blur_px)[missing]
+        scattered = self._smoothed(known, on_screen)
         near = (border | self._inside) & on_screen
         direct = self._sum
         direct -= self._shares[..., None] * scattered
         direct /= self._count[..., None]
         direct[~near] = 0
         return SeparatedLight(direct, scattered, self._flux.total(direct), self._inside)
+
+    def _smoothed(self, known: BoolArray, on_screen: BoolArray) -> Image:
+        """Scattered light (H, W, 3) of white, filled in where it is not `known` (H, W)."""
+        self._dark_sum /= self._flux.pattern
+        scattered = np.zeros_like(self._dark_sum)
+        for part in self._flux.parts():
+            inside, missing = known & part, part
+            for blur_px in (GLOBAL_BLUR_PX, *FILL_BLURS_PX):
+                if missing.any():
+                    found = blur_within(self._dark_sum, inside, blur_px)
+                    np.copyto(scattered, found, where=missing[..., None])
+                missing = part & on_screen & (scattered[..., GREEN] == 0)
+        scattered *= self._flux.pattern
+        return scattered
 
 
 def _pixel_extent(coordinate: FloatArray) -> FloatArray:

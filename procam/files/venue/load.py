@@ -61,9 +61,10 @@ class Venue:
         for t in self.table.fiducials:
             azimuth, elevation, survey = angles_of(t, self.screen)
             focal = np.mean(self.table.cameras[t.camera].f) if t.camera else np.inf
-            sigma = float(np.hypot(survey * np.sqrt(seen[t.name]), t.sigma_px / focal))
+            seen_sigma = float(t.sigma_px / focal)
+            sigma = float(np.hypot(survey * np.sqrt(seen[t.name]), seen_sigma))
             device, pixel = t.camera or t.projector or "", np.array(t.pixel)
-            marks.append(Fiducial(t.name, azimuth, elevation, sigma, device, pixel))
+            marks.append(Fiducial(t.name, azimuth, elevation, sigma, device, pixel, seen_sigma))
         return marks
 
     @property

@@ -64,8 +64,8 @@ class MeshCanvas:
         for top in range(0, len(picture), BAND):
             rows = slice(top, top + BAND)
             on = self.face[rows] >= 0
-            near = values[self.corners[self.face[rows][on]]]
-            picture[rows][on] = np.einsum("nk,nkc->nc", self.share[rows][on], near)
+            corners, share = self.corners[self.face[rows][on]], self.share[rows][on]
+            picture[rows][on] = sum(share[:, k, None] * values[corners[:, k]] for k in range(3))
         return picture
 
 

@@ -6,6 +6,7 @@ from procam.errors import CalibrationError
 from procam.estimate.geometry.adjustment import LENS_PRIOR, RigProblem
 from procam.estimate.geometry.diagnosis import find_causes, focal_share, rescaled_by
 from procam.estimate.geometry.fiducial_checks import fiducial_notes, missing_fiducials
+from procam.estimate.geometry.fiducials import with_camera_errors
 from procam.estimate.geometry.model import Observations, Pair
 from procam.estimate.geometry.solve import MAX_SPHERE_RATIO, GeometrySolution, solve_geometry
 from procam.estimate.geometry.start import MIN_OBSERVATIONS, ProjectorPrior
@@ -54,9 +55,10 @@ def solve_rig(problem: RigProblem) -> tuple[GeometrySolution, str, list[Note]]:
     except CalibrationError as error:
         text = [str(error), *find_causes(problem, None)]
         raise type(error)("\n".join(text)) from error
-    notes = missing_fiducials(problem.radius_known, problem.fiducials, found.gauge_freedoms)
+    marks = with_camera_errors(found.rig, problem.fiducials)
+    notes = missing_fiducials(problem.radius_known, marks, found.gauge_freedoms)
     rough = found.sphere_systematic_ratio >= MAX_SPHERE_RATIO
-    notes += fiducial_notes(found.rig, problem.fiducials, rough=rough)
+    notes += fiducial_notes(found.rig, marks, rough=rough)
     verdict, guilty = _verdict(found), find_causes(problem, found)
     causes = guilty or ([verdict] if rough else [])
     notes += [*_lens_notes(problem, found), *(Note("misfit", "", cause) for cause in causes)]
