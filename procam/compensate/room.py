@@ -96,36 +96,54 @@ class RoomCompensator:
         other._hi = np.minimum(self._hi, np.float32(top))
         return other
 
-    def exact(self, target: Image) -> RoomPicture:
-        """(P): the observed light is the target (H, W, 3) [rel] wherever no limit holds."""
+    def exact(self, target: Image, start: Array32 | None = None) -> RoomPicture:
+        """(P): the observed light is the target (H, W, 3) [rel] wherever no limit holds.
+
+        `start` (F, 3) is an irradiance near that of the result, which saves most of the time.
+        """
         sent = partial(self._sent, target)
-        irradiance = self._settled(sent)
+        irradiance = self._settled(sent, start)
         scattered = self._scattered(irradiance)
         direct = sent(scattered)
         free = (direct > self._lo) & (direct < self._hi) & self.canvas.lit[..., None]
         return RoomPicture(direct, direct + scattered, free)
 
+    def irradiance(self, target: Image) -> Array32:
+        """Irradiance (F, 3) of (P)."""
+        return self._settled(partial(self._sent, target))
+
     def none(self, target: Image) -> RoomPicture:
         """The target itself, clamped, is sent."""
         direct = self._clipped(target)
-        irradiance = self._settled(lambda _: direct)
+        light = self.canvas.mean(direct)
+        irradiance = fixed_point(
+            lambda e: self._factors.gather(light + self._albedo * e), self._nothing, TOLERANCE
+        )
         free = np.broadcast_to(self.canvas.lit[..., None], direct.shape)
         return RoomPicture(direct, direct + self._scattered(irradiance), free)
 
-    def _settled(self, sent: Sent) -> Array32:
+    @property
+    def _nothing(self) -> Array32:
+        return np.zeros(self._albedo.shape, np.float32)
+
+    def _settled(self, sent: Sent, start: Array32 | None = None) -> Array32:
         """Irradiance (F, 3) of faces, where the light sent follows from the scattered light."""
-        nothing = np.zeros(self._albedo.shape, np.float32)
-        return fixed_point(partial(self._step, sent), nothing, TOLERANCE)
+        first = self._nothing if start is None else start
+        return fixed_point(partial(self._step, sent), first, TOLERANCE)
 
     def _step(self, sent: Sent, irradiance: Array32) -> Array32:
         direct = self.canvas.mean(sent(self._scattered(irradiance)))
         return self._factors.gather(direct + self._albedo * irradiance)
 
     def _scattered(self, irradiance: Array32) -> Image:
-        return self._paint * np.maximum(self.canvas.field(irradiance), 0)
+        scattered = self.canvas.field(irradiance)
+        np.maximum(scattered, 0, out=scattered)
+        scattered *= self._paint
+        return scattered
 
     def _sent(self, target: Image, scattered: Image) -> Image:
-        direct = self._clipped(target - scattered)
+        direct = np.subtract(target, scattered, dtype=np.float32)
+        np.clip(direct, self._lo, self._hi, out=direct)
         if self._held is not None:
             direct[self._held] = self._clipped(target)[self._held]
         return direct

@@ -5,7 +5,7 @@ from functools import partial
 
 import numpy as np
 
-from procam.arrays import AnyArray, Array, BoolArray, Image
+from procam.arrays import AnyArray, Array, Array32, BoolArray, Image
 from procam.compensate.content import ContentCodec
 from procam.compensate.light_check import LightError
 from procam.compensate.perceptual.settings import Perceptual
@@ -13,11 +13,12 @@ from procam.compensate.room import RoomCompensator, RoomPicture
 from procam.compensate.solved_frame import Certificate, SolvedFrame
 from procam.errors import InputError, ShapeError
 from procam.maths.light.transfer import Transfer, transfer
-from procam.maths.warp import sample
+from procam.maths.warp import reduced_to, sample
 from procam.model.calibration import Calibration
 from procam.model.screen import RoomScreen
 
 METHODS = ("exact", "none")
+SMALL = 512  # width of the pictures [px] on which larger ones are solved first
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,10 +86,10 @@ class RoomFrames:
         self.size, self.method, self._shape = size, str(method), screen.canvas.shape(size)
         maps = RoomMaps.of(calibration, screen, size)
         self.protected, self.lit = maps.protected, maps.coverage > 0
-        raster = screen.canvas.raster(size)
-        self._room = RoomCompensator(
-            raster, screen.factors, screen.face_albedo(raster.mean(maps.albedo)), maps.lo, maps.hi
-        ).with_paint(maps.albedo, maps.protected & self.lit)
+        self._room = _compensator(screen, maps, size)
+        self._small: RoomCompensator | None = None
+        if size > SMALL:
+            self._small = _compensator(screen, RoomMaps.of(calibration, screen, SMALL), SMALL)
         known = transfer(transfer_name) if transfer_name else None
         self._codec = ContentCodec(
             known, strength, maps.protected if maps.protected.any() else None
@@ -119,7 +120,17 @@ class RoomFrames:
     def predict(self, image: Image, top: float = np.inf) -> RoomPicture:
         """The picture in linear light and as the audience sees it; `top` is the most that is sent."""
         room = self._room.limited(top)
-        return room.exact(image) if self.method == "exact" else room.none(image)
+        if self.method != "exact":
+            return room.none(image)
+        return room.exact(image, self._near(image, top))
+
+    def _near(self, image: Image, top: float) -> Array32 | None:
+        """The irradiance (F, 3) of a smaller picture; None if it is small itself."""
+        if self._small is None:
+            return None
+        rows, columns = self._small.canvas.face.shape
+        small = reduced_to(image, (rows, columns))
+        return self._small.limited(top).irradiance(small)
 
     def seen(self, direct: Image) -> Array:
         """Total light (H, W, 3) of direct light that is sent."""
@@ -154,6 +165,14 @@ class RoomFrames:
             np.tensordot(weight, content.astype(float), 2),
             np.tensordot(weight, picture.direct.astype(float), 2),
         )
+
+
+def _compensator(screen: RoomScreen, maps: RoomMaps, size: int) -> RoomCompensator:
+    """The compensator of pictures of some width."""
+    raster = screen.canvas.raster(size)
+    albedo = screen.face_albedo(raster.mean(maps.albedo))
+    room = RoomCompensator(raster, screen.factors, albedo, maps.lo, maps.hi)
+    return room.with_paint(maps.albedo, maps.protected & (maps.coverage > 0))
 
 
 class RoomCheck:

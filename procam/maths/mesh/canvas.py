@@ -9,7 +9,7 @@ would be half a face off. Between corners it is linear.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array, csr_array
+from scipy.sparse import coo_array, csc_array, csr_array
 from scipy.spatial import cKDTree
 
 from procam.arrays import Array, Array32, BoolArray, FloatArray, Image, IndexArray
@@ -18,7 +18,6 @@ from procam.maths.mesh.facets import Faces, face_areas
 
 AROUND = 6
 CHUNK = 1 << 22  # pixels of triangles' boxes at a time
-BAND = 256  # rows at a time, to save memory
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,18 +26,45 @@ class MeshCanvas:
 
     Attributes
     ----------
-    face : (H, W) face of each pixel, -1 for none. corners : (F, 3) vertices of all faces.
-    share : (H, W, 3) barycentric weights of a face's corners. area : (H, W) of the pixel on the screen [m^2].
+    face : (H, W) face of each pixel, -1 for none. area : (H, W) of the pixel on the screen [m^2].
     recovery : (V, F) sparse: values at vertices from means over faces.
+    at_pixels : (H W, V) sparse: values at pixels from those at vertices.
+    over_faces : (F, H W) sparse: means over faces of values at pixels.
     small : lit faces that no pixel's centre lies in, and the flat place of the pixel nearest to each.
     """
 
     face: IndexArray
-    corners: IndexArray
-    share: Array32
     area: Array32
     recovery: csr_array
+    at_pixels: csr_array
+    over_faces: csc_array
     small: tuple[IndexArray, IndexArray]
+
+    @classmethod
+    def of(
+        cls,
+        seen: tuple[IndexArray, FloatArray],
+        area: Array32,
+        corners: IndexArray,
+        recovery: csr_array,
+        small: tuple[IndexArray, IndexArray],
+    ) -> "MeshCanvas":
+        """The canvas whose pixels see faces (H, W) at weights (K, 3) of their corners, in reading order.
+
+        `corners` (F, 3) are vertices of all faces.
+        """
+        face, share = seen
+        on, (vertices, faces) = face >= 0, recovery.shape
+        index, weight = face[on], area[on]
+        ends = np.concatenate([[0], np.cumsum(on.ravel(), dtype=np.int32)]).astype(np.int32)
+        total = np.maximum(np.bincount(index, weight, faces), 1e-30)
+        mean = (weight / total[index]).astype(np.float32)
+        at_pixels = csr_array(
+            (share.astype(np.float32).ravel(), corners[index].astype(np.int32).ravel(), 3 * ends),
+            shape=(face.size, vertices),
+        )
+        over = csc_array((mean, index.astype(np.int32), ends), shape=(faces, face.size))
+        return cls(face, area, recovery, at_pixels, over, small)
 
     @property
     def lit(self) -> BoolArray:
@@ -47,26 +73,16 @@ class MeshCanvas:
 
     def mean(self, picture: Image) -> Array:
         """Means (F, C) over the faces of a picture (H, W, C); 0 of faces that are not lit."""
-        on = self.lit
-        index, weight = self.face[on], self.area[on].astype(float)
-        count = self.recovery.shape[1]
-        total = np.maximum(np.bincount(index, weight, count), 1e-30)
-        sums = [np.bincount(index, weight * c, count) for c in np.moveaxis(picture[on], -1, 0)]
-        means = np.stack([s / total for s in sums], axis=1)
+        flat = picture.reshape(-1, picture.shape[-1])
+        means = (self.over_faces @ flat).astype(float)
         faces, near = self.small
-        means[faces] = picture.reshape(-1, picture.shape[-1])[near]
-        return means
+        means[faces] = flat[near]
+        return np.asarray(means)
 
     def field(self, means: FloatArray) -> Image:
         """The picture (H, W, C) of a smooth field with these means (F, C) over faces; 0 off the screen."""
-        values = (self.recovery @ means).astype(np.float32)
-        picture = np.zeros((*self.face.shape, means.shape[-1]), np.float32)
-        for top in range(0, len(picture), BAND):
-            rows = slice(top, top + BAND)
-            on = self.face[rows] >= 0
-            corners, share = self.corners[self.face[rows][on]], self.share[rows][on]
-            picture[rows][on] = sum(share[:, k, None] * values[corners[:, k]] for k in range(3))
-        return picture
+        picture = self.at_pixels @ (self.recovery @ means).astype(np.float32)
+        return np.asarray(picture.reshape(*self.face.shape, -1))
 
 
 def mesh_canvas(
@@ -93,21 +109,21 @@ def mesh_canvas(
     lit = np.flatnonzero(np.isfinite(corner).all(axis=(1, 2)))
     if not len(lit):
         raise InputError("canvas: no face has a place on it; name parts that projectors light")
-    face = np.full(size[::-1], -1)
-    _rasterise(face, corner, lit)
+    face, weights = np.full(size[::-1], -1), np.zeros((*size[::-1], 3), np.float32)
+    _rasterise(face, weights, corner, lit)
     on = face >= 0
-    rows, columns = np.nonzero(on)
-    share = np.zeros((*face.shape, 3), np.float32)
-    share[on] = barycentric(corner[face[on]], np.stack([columns, rows], axis=1).astype(float))
     area, on_canvas = face_areas(vertices, faces), np.abs(_twice_area(corner)) / 2
     pixel = np.zeros(face.shape, np.float32)
     pixel[on] = (area / on_canvas)[face[on]]
-    corners, recovery = np.asarray(faces, np.intp), recovery_of(vertices, faces, part, lit)
-    return MeshCanvas(face, corners, share, pixel, recovery, _small(face, corner, lit))
+    recovery, corners = recovery_of(vertices, faces, part, lit), np.asarray(faces, np.intp)
+    return MeshCanvas.of((face, weights[on]), pixel, corners, recovery, _small(face, corner, lit))
 
 
-def _rasterise(face: IndexArray, corner: Array, lit: IndexArray) -> None:
-    """Write into `face` (H, W) the triangle that each pixel's centre lies in; boxes of like size together."""
+def _rasterise(face: IndexArray, weights: Array32, corner: Array, lit: IndexArray) -> None:
+    """Write the triangle (H, W) that each pixel's centre lies in, and weights (H, W, 3) of its corners.
+
+    Boxes of like size are written together.
+    """
     height, width = face.shape
     low = np.clip(np.ceil(corner[lit].min(axis=1)), 0, [width, height]).astype(int)
     high = np.clip(np.floor(corner[lit].max(axis=1)) + 1, 0, [width, height]).astype(int)
@@ -117,11 +133,13 @@ def _rasterise(face: IndexArray, corner: Array, lit: IndexArray) -> None:
     while at < len(order):
         last = at + max(1, CHUNK // max(1, int(extent[order[at:]].max(axis=0).prod())))
         some = order[at:last]
-        _write(face, corner, lit[some], low[some], high[some])
+        _write((face, weights), corner, lit[some], low[some], high[some])
         at = last
 
 
-def _write(face: IndexArray, corner: Array, index: IndexArray, low: Array, high: Array) -> None:
+def _write(
+    out: tuple[IndexArray, Array32], corner: Array, index: IndexArray, low: Array, high: Array
+) -> None:
     across, down = (high - low).max(axis=0)
     x = low[:, None, None, 0] + np.arange(across)
     y = low[:, None, None, 1] + np.arange(down)[:, None]
@@ -132,7 +150,7 @@ def _write(face: IndexArray, corner: Array, index: IndexArray, low: Array, high:
     share = barycentric(corner[index[which]], at.astype(float))
     within = share.min(axis=1) >= -1e-6
     column, row = at[within].T
-    face[row, column] = index[which[within]]
+    out[0][row, column], out[1][row, column] = index[which[within]], share[within]
 
 
 def barycentric(corner: Array, at: Array) -> Array:

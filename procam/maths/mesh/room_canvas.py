@@ -41,7 +41,7 @@ class RoomCanvas:
         raster = self.raster(size)
         lit = raster.lit
         direction = np.broadcast_to([0.0, 0.0, 1.0], (*lit.shape, 3)).copy()
-        share = raster.share[lit].astype(float)
+        share = raster.at_pixels.data.reshape(-1, 3).astype(float)
         points = self._shape.tracer.points_on(raster.face[lit], share[:, 1], share[:, 2])
         direction[lit] = points / np.linalg.norm(points, axis=1, keepdims=True)
         return direction, lit
@@ -57,13 +57,13 @@ class RoomCanvas:
         screen.
         """
         face, seen = np.full(area.shape, -1), area > 0
-        share = np.zeros((*area.shape, 3), np.float32)
-        face[seen], share[seen] = self._met(direction[seen])
+        face[seen], share = self._met(direction[seen])
         room, every = self._room, np.arange(len(self._room.faces))
         recovery = recovery_of(room.vertices, room.faces, room.part, every)
         nothing = np.zeros(0, np.intp)
-        return MeshCanvas(
-            face, room.faces, share, area.astype(np.float32), recovery, (nothing, nothing)
+        met, known = (face, share[face[seen] >= 0]), np.where(face >= 0, area, 0)
+        return MeshCanvas.of(
+            met, known.astype(np.float32), room.faces, recovery, (nothing, nothing)
         )
 
     def pixels(self, direction: FloatArray, size: int) -> FloatArray:

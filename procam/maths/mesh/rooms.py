@@ -78,7 +78,7 @@ def planned_room(
         return box_room(size, lit, float(np.sqrt(2 * area_m2 / faces)))
     radius_m, arc_deg, height_m = size
     arc = float(np.radians(arc_deg))
-    area_m2 = arc * radius_m * (height_m + radius_m / 2)
+    area_m2 = arc * radius_m * (height_m + radius_m)  # a floor has as many columns as the wall
     return cylinder_room(radius_m, arc, height_m, lit, float(np.sqrt(2 * area_m2 / faces)))
 
 

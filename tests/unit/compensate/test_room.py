@@ -67,8 +67,9 @@ def test_the_light_of_all_bounces_is_that_of_random_walks(
     for name, row, column in (("floor", 0.5, 0.5), ("back", 0.3, 0.7), ("right", 0.5, 0.5)):
         left, top, width, height = room.layout()[name]
         pixel = round(10 * (top + row * height)), round(10 * (left + column * width))
-        corners = room.vertices[canvas.corners[canvas.face[pixel]]]
-        start = canvas.share[pixel].astype(float) @ corners + SIZE_M[[1, 0, 2]] * 0.5
+        corners = room.vertices[room.faces[canvas.face[pixel]]]
+        places = (canvas.at_pixels @ room.vertices).reshape(*canvas.face.shape, 3)
+        start = places[pixel] + SIZE_M[[1, 0, 2]] * 0.5
         normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
         seen, sigma = walked(start, normal / np.linalg.norm(normal), albedo, rng)
         assert shown.observed[pixel][0] == pytest.approx(

@@ -130,7 +130,7 @@ class TestCanvas:
         slope = np.array([[0.3], [-0.2], [0.5]])
         middle = room.vertices[room.faces].mean(axis=1)
         field = canvas.field(middle @ slope + 2)
-        point = np.einsum("hwk,hwkc->hwc", canvas.share, room.vertices[canvas.corners[canvas.face]])
+        point = (canvas.at_pixels @ room.vertices).reshape(*canvas.face.shape, 3)
         np.testing.assert_allclose(field[canvas.lit], (point @ slope + 2)[canvas.lit], atol=1e-5)
         assert not field[~canvas.lit].any()
         np.testing.assert_allclose(canvas.mean(field), middle @ slope + 2, atol=0.03)
