@@ -1,27 +1,28 @@
-"""Test pictures for judging a calibrated dome by eye: with and without compensation, and what to look for."""
+"""Test pictures for judging a screen by eye: with and without compensation, and what to look for."""
 
 from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from procam.arrays import Array, BoolArray, FloatArray, Image
-from procam.compensate.compensator import Compensator
+from procam.compensate.any_screen import compensator_for
 from procam.compensate.projector_frames import Warper
 from procam.files import atomic
 from procam.files.images.pixels import write_image
 from procam.maths.codes.shot_id import DIGITS
-from procam.maths.geometry.canvas import STANDARD
 from procam.maths.geometry.sphere import angles_from_direction, master_directions
 from procam.maths.light.curves import srgb_decode, srgb_encode
 from procam.model.calibration import Calibration
+from procam.model.screen import Dome, RoomScreen, Screen
 from procam.workflows.events import Event, Steps
 from procam.workflows.playout.frame import require_photometry
+from procam.workflows.room_stills import ROOM_STILLS
 from procam.workflows.sample_content import half_sky, white
 
 SIZE = 1024  # px of the dome masters
-MASTERS = "dome-masters"
+MASTERS, CANVAS = "dome-masters", "canvas"
 WITHOUT, WITH = "uncompensated", "compensated"
 METHODS = {WITHOUT: "none", WITH: "exact"}
 LINES_DEG, LABELS_DEG = 15.0, 30  # of the grid
@@ -30,7 +31,7 @@ DOT_DEG = 0.9  # of the labels' digits, 3 x 5 dots
 GREY, INK = 0.2, 0.9  # of the grid [rel]
 PATCH_DEG = 18.0
 STEPS = 16  # of the ramp
-Still = NDArray[np.uint8]
+Stills = Mapping[str, tuple[Callable[[int], Image], str]]
 
 
 def grid(size: int) -> Image:
@@ -72,7 +73,7 @@ def black(size: int) -> Image:
 
 
 # picture, and what to look for in it
-STILLS: Mapping[str, tuple[Callable[[int], Image], str]] = {
+STILLS: Stills = {
     "grid": (
         grid,
         "Lines every 15 degrees; azimuth 0 is the front, 90 the left, 180 the back. Lines must be single and "
@@ -109,7 +110,7 @@ STILLS: Mapping[str, tuple[Callable[[int], Image], str]] = {
 def write_stills(calibration: Calibration, folder: Path, size: int = SIZE) -> Steps[None]:
     """Write FOLDER/dome-masters/NAME.HOW.png, FOLDER/PROJECTOR/NAME.HOW.png and index.txt, 8 bits sRGB.
 
-    Dome masters are on the standard canvas.
+    Dome masters are on the standard canvas; a room has its canvas in FOLDER/canvas instead.
 
     HOW is "compensated" or "uncompensated". A calibration without projectors gives dome masters only. An
     event per picture.
@@ -120,31 +121,56 @@ def write_stills(calibration: Calibration, folder: Path, size: int = SIZE) -> St
         The calibration has no photometry.
     """
     require_photometry(calibration)
-    calibration = calibration.on(STANDARD)
+    calibration, kind = calibration.on(calibration.screen.canvas), compensator_for(calibration)
     warper = Warper(calibration, size) if calibration.projectors else None
-    makers = {how: Compensator(calibration, size, m) for how, m in METHODS.items()}
-    for done, (name, (draw, _)) in enumerate(STILLS.items(), 1):
+    makers = {how: kind(calibration, size, m) for how, m in METHODS.items()}
+    stills = _stills_of(calibration.screen)
+    for done, (name, (draw, _)) in enumerate(stills.items(), 1):
         content = np.rint(srgb_encode(np.clip(draw(size), 0, 1)) * 255).astype(np.uint8)
         for how, maker in makers.items():
-            master = np.asarray(maker.frame(content), np.uint8)
-            frames = warper.frame(master) if warper else {}
-            for where, picture in {MASTERS: master, **frames}.items():
+            whole = np.asarray(maker.frame(content), np.uint8)
+            frames = warper.frame(whole) if warper else {}
+            for where, picture in {_folder(calibration.screen): whole, **frames}.items():
                 write_image(folder / where / f"{name}.{how}.png", picture)
-        yield Event("stills", done, len(STILLS), name)
-    atomic.write_text(folder / "index.txt", index_text(list(calibration.projectors)))
+        yield Event("stills", done, len(stills), name)
+    atomic.write_text(folder / "index.txt", index_text(calibration))
 
 
-def index_text(projectors: list[str]) -> str:
+def _stills_of(screen: Screen) -> Stills:
+    if isinstance(screen, Dome):
+        return STILLS
+    return {
+        name: (partial(_drawn, draw, screen), text) for name, (draw, text) in ROOM_STILLS.items()
+    }
+
+
+def _drawn(draw: Callable[[int, RoomScreen], Image], screen: RoomScreen, size: int) -> Image:
+    return draw(size, screen)
+
+
+def _folder(screen: Screen) -> str:
+    return MASTERS if isinstance(screen, Dome) else CANVAS
+
+
+def index_text(calibration: Calibration) -> str:
     """What each picture is and what to look for in it."""
-    where = f"{MASTERS}/ has them as dome masters of 180 degrees, the front at the bottom edge"
+    screen, projectors = calibration.screen, calibration.projectors
+    dome = isinstance(screen, Dome)
+    on = (
+        "as dome masters of 180 degrees, the front at the bottom edge"
+        if dome
+        else "on the room's canvas"
+    )
+    where = f"{_folder(screen)}/ has them {on}"
     if projectors:
         where += f"; {', '.join(f'{name}/' for name in projectors)} as what each projector is sent"
     lines = [
-        "Test pictures for judging the dome by eye, from its middle and with eyes used to the dark.",
+        f"Test pictures for judging the {'dome' if dome else 'room'} by eye, from its middle and with eyes "
+        "used to the dark.",
         f"{where}.",
         f"Show NAME.{WITHOUT}.png and NAME.{WITH}.png in turn, a few seconds each.",
         "",
-        *(f"{name}\n  {text}\n" for name, (_, text) in STILLS.items()),
+        *(f"{name}\n  {text}\n" for name, (_, text) in _stills_of(screen).items()),
     ]
     return "\n".join(lines)
 

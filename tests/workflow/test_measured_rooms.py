@@ -168,6 +168,15 @@ def test_the_report_shows_the_room(room: Room) -> None:
         assert f">{name}</text>" in page and f"<td>{name.capitalize()}</td>" in page
 
 
+def test_stills_are_on_the_canvas(room: Room, tmp_path: Path) -> None:
+    folder, calibration, _ = room
+    done = CliRunner().invoke(app, ["report", str(folder), "--stills", str(tmp_path / "stills")])
+    assert done.exit_code == 0, done.output
+    written, _ = read_picture(tmp_path / "stills" / "canvas" / "white.compensated.png")
+    assert written.shape[:2] == calibration.canvas.shape(written.shape[1])
+    assert "room's canvas" in (tmp_path / "stills" / "index.txt").read_text("utf-8")
+
+
 def test_a_calibration_agrees_with_itself(room: Room) -> None:
     _, calibration, _ = room
     assert compare(calibration, calibration).verdict.sound
