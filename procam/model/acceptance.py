@@ -48,7 +48,7 @@ CRITERIA: Mapping[str, Criterion] = {
         "Residual of the geometry, in pixels of the projectors", "px"
     ),
     "sphere_variance_ratio": Criterion("Departure of the screen from its stated shape (1: none)"),
-    "coverage": Criterion("Share of the dome that is lit", side="least"),
+    "coverage": Criterion("Share of the screen that is lit", side="least"),
     "additivity_error": Criterion("Departure of white from the sum of its primaries"),
     "feedback": Criterion("Scattered light per light projected", measured=True),
     "albedo": Criterion("Albedo of the screen", measured=True),

@@ -20,7 +20,7 @@ LEAST_SHARE = 5e-4  # of the lit picture; less is not worth a sentence
 LEFT = "share of the bounced light that remains where no limit holds"
 ANOTHER = "the picture turned and inverted, which it did not learn from, in % of white"
 ALL_JND = "95 % of all that is lit is off by at most this; 1 can just be noticed"
-LEFT_JND = "95 % of the dome where no limit holds is off by at most this; 1 can just be noticed"
+LEFT_JND = "95 % of the screen where no limit holds is off by at most this; 1 can just be noticed"
 NAMES = {
     "simulated_run_s": Words("Time for the whole run", "capture, solve, compensate and refine"),
     "peak_memory_mib": Words("Memory needed at most"),
@@ -31,7 +31,7 @@ NAMES = {
         "angle between the calculated and the true direction, less a common rotation",
     ),
     "direction_error_rms_arcmin": Words(
-        "Direction error, root mean square", "the same with the survey of the marks on the dome"
+        "Direction error, root mean square", "the same with the survey of the marks on the screen"
     ),
     "direction_error_max_arcmin": Words("Direction error, worst pixel"),
     "solid_angle_sum_error": Words("Error of the projected area", percent=True),
@@ -109,21 +109,21 @@ NAMES = {
     ),
     "direction_sigma_arcmin": Words(
         "Standard error of directions, root mean square",
-        "the same with the survey of the marks on the dome",
+        "the same with the survey of the marks on the screen",
     ),
     "sphere_variance_ratio": Words(
         "Test of the screen's shape",
         "variance of the residuals over the variance that noise explains",
     ),
     "shape_degree": Words(
-        "Degree of the dome's shape", "of the harmonics that were solved; 0 is an exact sphere"
+        "Degree of the screen's shape", "of the harmonics that were solved; 0 is an exact sphere"
     ),
     "additivity_error": Words(
         "Colours add up",
         "red, green and blue alone against white; above 1 % the projector processes them",
         percent=True,
     ),
-    "coverage": Words("Share of the dome that is lit", percent=True),
+    "coverage": Words("Share of the screen that is lit", percent=True),
     "scatter_degree": Words(
         "Degree of the scatter kernel", "how bounced light depends on where the direct light falls"
     ),
@@ -141,7 +141,7 @@ NAMES = {
     ),
     "other_seat_direction_rms_arcmin": Words(
         "Another seat: difference of directions, root mean square",
-        "the same with the survey of the marks on the dome",
+        "the same with the survey of the marks on the screen",
     ),
     "other_seat_direction_relative_over_sigma": Words(
         "Another seat: difference of directions relative to each other, in standard errors",

@@ -148,7 +148,7 @@ class TestDrift:
         # 0.029 over sqrt(2) 0.003
         cells = re.findall(r"<td>(.*?)</td>", row[1]) if row else []
         assert cells == ["0.331", "0.36", "0.029", "6.8 *"]
-        assert "<td>Share of the dome that is lit</td>" in drift
+        assert "<td>Share of the screen that is lit</td>" in drift
         assert "root mean square [arcmin]</td>" in drift
 
     def test_noise_is_called_noise(self, venue: Path, calibration: Calibration) -> None:
