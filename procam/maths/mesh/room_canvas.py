@@ -9,6 +9,7 @@ from procam.maths.mesh.canvas import MeshCanvas, mesh_canvas, recovery_of
 from procam.maths.mesh.rooms import Room
 from procam.maths.mesh.shape import MeshShape
 
+BLOCK = 1 << 18  # directions at a time, to save memory
 NOWHERE = -10.0  # pixels, far enough from any that `sample` gives 0
 
 
@@ -78,12 +79,16 @@ class RoomCanvas:
 
     def _met(self, direction: FloatArray) -> tuple[IndexArray, Array]:
         """Face (...) that unit directions (..., 3) meet, -1 for none, and weights (..., 3) of its corners."""
-        met = self._shape.tracer.first_hits(np.zeros(3), direction.astype(float))
-        face, share = met.faces.astype(np.intp), np.zeros(met.points.shape)
-        hit = face >= 0
-        corner = self._room.vertices[self._room.faces[face[hit]]] / self._shape.radius_m
-        share[hit] = _weights_of_corners(corner, met.points[hit])
-        return face, share
+        flat = direction.reshape(-1, 3)
+        face, share = np.full(len(flat), -1), np.zeros(flat.shape)
+        for at in range(0, len(flat), BLOCK):
+            some = slice(at, at + BLOCK)
+            met = self._shape.tracer.first_hits(np.zeros(3), flat[some].astype(float))
+            hit = met.faces >= 0
+            corner = self._room.vertices[self._room.faces[met.faces[hit]]] / self._shape.radius_m
+            face[some] = met.faces
+            share[some][hit] = _weights_of_corners(corner, met.points[hit])
+        return face.reshape(direction.shape[:-1]), share.reshape(direction.shape)
 
     @cached_property
     def _places(self) -> Array:
