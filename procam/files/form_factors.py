@@ -15,6 +15,7 @@ from procam.maths.mesh.compressed import TOLERANCE, CompressedFactors, Level, Ne
 from procam.model.screen import RoomScreen
 
 NAME = "form-factors.npz"
+CHECK = "check"
 LEVEL = ("rows", "starts", "partner")
 NEAR = ("blocks", "starts", "one")
 DAMAGED = (EOFError, LookupError, OSError, ValueError, zipfile.BadZipFile, zlib.error)
@@ -23,7 +24,7 @@ DAMAGED = (EOFError, LookupError, OSError, ValueError, zipfile.BadZipFile, zlib.
 def write_form_factors(path: Path, screen: RoomScreen) -> None:
     """Write the factors of a room as NPZ."""
     arrays = _arrays(screen.factors)
-    np.savez(path, allow_pickle=False, check=_check(screen, arrays), **arrays)
+    np.savez(path, **{CHECK: _check(screen, arrays), **arrays})  # type: ignore[arg-type] # allow_pickle
 
 
 def read_form_factors(path: Path, screen: RoomScreen) -> CompressedFactors:
@@ -37,7 +38,7 @@ def read_form_factors(path: Path, screen: RoomScreen) -> CompressedFactors:
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
             arrays = {name: stored[name] for name in stored.files}
-            check = bytes(arrays.pop("check"))
+            check = bytes(arrays.pop(CHECK))
             if check != bytes(_check(screen, arrays)):
                 raise ValueError("it is of another mesh, or altered")
             levels = [
@@ -73,7 +74,7 @@ def _check(screen: RoomScreen, arrays: Mapping[str, AnyArray]) -> AnyArray:
     """Hash (32,) of the mesh, the tolerance and the arrays."""
     room = screen.room
     found = hashlib.sha256(repr(TOLERANCE).encode())
-    found.update(np.round(room.vertices, 6).tobytes() + room.faces.tobytes())
+    found.update((np.round(room.vertices, 6) + 0.0).tobytes() + room.faces.tobytes())
     for name in sorted(arrays):
         found.update(name.encode() + str(arrays[name].shape).encode() + arrays[name].tobytes())
     return np.frombuffer(found.digest(), np.uint8)

@@ -57,7 +57,7 @@ MAX_SPHERE_RATIO = 1.5  # systematic ratio up to which the screen counts as a sp
 BENT = 1.5
 DEGREES = (6, 8)  # of harmonics, in turn; lower ones explain little of a dome made of panels
 NOT_SQUARE = 4.0  # standard errors by which panels' pixels must differ from squares
-MOVES = 1e-6  # of a freedom's parameters [rad, relative], from which a camera moves with it
+MOVES = 1e-4  # of all that a freedom moves, from which a camera moves with it
 EXPLAINS = 0.9  # harmonics are kept if they reduce the systematic ratio to this share
 # with one camera, to which a lens that is not of the fitted kind looks like a deformation: deformations
 # leave 0.25 to 0.45 of the ratio, and lenses that ripple by 0.1 px leave 0.8 or more
@@ -104,8 +104,9 @@ class GeometrySolution:
         apart, and places do not depend on it.
         """
         cameras = ParameterLayout.of(self.rig).cameras.values()
-        moves = np.concatenate([self.freedoms[:, columns] for columns in cameras], axis=1)
-        return int((np.linalg.svd(moves, compute_uv=False) > MOVES).sum())
+        size = np.linalg.norm(self.freedoms, axis=1, keepdims=True)
+        moves = [self.freedoms[:, columns] / size for columns in cameras]
+        return int((np.linalg.svd(np.concatenate(moves, axis=1), compute_uv=False) > MOVES).sum())
 
     @property
     def projectors(self) -> Mapping[str, ProjectorModel]:

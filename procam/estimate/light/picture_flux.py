@@ -14,7 +14,8 @@ from procam.estimate.geometry.camera_view import ScreenView
 from procam.estimate.light.room_view import RoomView
 from procam.model.screen import RoomScreen, Screen
 
-LEAST = 1e-3  # of the brightest light that arrives: less lights nothing
+LEAST = 1e-3  # of the brightest light that arrives, or of white: less lights nothing
+TINY = 1e-9
 
 
 class PictureFlux:
@@ -59,7 +60,8 @@ class RoomFlux(PictureFlux):
     def __init__(self, room: RoomView, white: Image) -> None:
         super().__init__(room.faces.area, white)
         self._room, arriving = room, room.at_pixels(room.irradiance(white))
-        self.pattern = np.maximum(arriving, np.float32(LEAST * arriving.max()))
+        least = LEAST * max(float(arriving.max()), float(np.nanmean(white)), TINY)
+        self.pattern = np.maximum(arriving, np.float32(least))
 
     def parts(self) -> Iterator[BoolArray]:
         """Each wall."""

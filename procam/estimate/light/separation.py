@@ -25,7 +25,8 @@ NEVER_CLEAR = 2.0  # halves of stripes over which they are blurred: seen along a
 MAX_BLUR = 2.5
 OVERSHOOT = 0.02  # of unsharpened edges it is below 0
 LEAST_SHARE = 0.5  # of the direct light of white that is left when scattered light is taken away
-GREEN, LEAST = 1, 1e-6
+GREEN = 1
+LEAST = 1e-3  # share of white's scattered light, of which a picture says nothing
 EDGE_REACH = 5.0  # how far from an edge its blur is measured [pixel extents]
 MIN_SLOPE = 0.05  # of a projector's coordinate over a camera pixel [projector px]
 EXTENT_BLUR_PX = 2.0  # Gaussian sigma; fills in for pixels beside a hole
@@ -188,6 +189,7 @@ class Separation:
 
     def _add_dark(self, light: Image, dark: BoolArray, share: FloatArray) -> None:
         weight = share[..., GREEN] ** 2  # one weight for all channels, whose shares differ little
+        dark = dark & (np.asarray(share).min(axis=-1) > LEAST)
         for channel in range(light.shape[-1]):
             total = self._dark_sum[..., channel]
             factor = np.float32(weight / np.maximum(share[..., channel], LEAST))
@@ -220,6 +222,12 @@ class Separation:
                     found = blur_within(self._dark_sum, inside, blur_px)
                     np.copyto(scattered, found, where=missing[..., None])
                 missing = part & on_screen & (scattered[..., GREEN] == 0)
+        missing = on_screen & (
+            scattered[..., GREEN] == 0
+        )  # of parts that are seen along their edge alone
+        if missing.any():
+            found = blur_within(self._dark_sum, known, FILL_BLURS_PX[-1])
+            np.copyto(scattered, found, where=missing[..., None])
         scattered *= self._flux.pattern
         return scattered
 

@@ -29,14 +29,14 @@ def report(
         Path | None,
         typer.Option(
             metavar="DIR",
-            help="Write test pictures to judge the dome by eye too, with an index.",
+            help="Write test pictures to judge the screen by eye too, with an index.",
         ),
     ] = None,
     json: Json = False,
 ) -> None:
     """Write report.html and operator-sheet.html; exit 1 if a limit of the client is not kept.
 
-    Each is one self-contained file; the sheet is a page for who runs the dome. The limits are those of the
+    Each is one self-contained file; the sheet is a page for who runs the venue. The limits are those of the
     table acceptance in venue.toml; a figure that has not been measured well enough to show that its limit is
     kept counts as not kept.
     """

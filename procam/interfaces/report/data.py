@@ -22,7 +22,7 @@ from procam.maths.geometry.canvas import STANDARD
 from procam.maths.warp import block_mean, sample
 from procam.model.calibration import Calibration
 from procam.model.correspondence import ProjectorSurface
-from procam.model.screen import ContentCanvas, Dome
+from procam.model.screen import ContentCanvas, Dome, Screen
 from procam.workflows.other_seat import SeatCheck, check_from_other_seat
 
 SIMULATED = "simulated"  # the backend of simulated venues
@@ -87,14 +87,19 @@ class Material:
         return "dome" if self.is_dome else "room"
 
     @property
+    def screen(self) -> Screen | None:
+        """The screen of the calibration, or else of venue.toml; None where nothing is known."""
+        return _screen(self.calibration, self.venue)
+
+    @property
     def is_dome(self) -> bool:
         """Whether its screen is a dome; it is where nothing is known."""
-        return self.calibration is None or isinstance(self.calibration.screen, Dome)
+        return self.screen is None or isinstance(self.screen, Dome)
 
     @property
     def canvas(self) -> ContentCanvas:
-        """The canvas of all pictures: that of the calibration's maps."""
-        return self.calibration.screen.canvas if self.calibration else STANDARD
+        """The canvas of all pictures: that of a calibration's maps."""
+        return self.screen.canvas if self.screen else STANDARD
 
     def inside(self, size: int) -> BoolArray:
         """Which pixels (H, W) of a picture of that width lie on the screen."""
@@ -176,7 +181,9 @@ def read_material(venue_dir: Path) -> Material:
         )
     used = calibration_in_use(venue_dir) if calibrations else None
     calibration = load_calibration(used) if used else None
-    canvas = calibration.screen.canvas if calibration else STANDARD
+    venue = load_venue(venue_dir) if (venue_dir / "venue.toml").is_file() else None
+    screen = _screen(calibration, venue)
+    canvas = screen.canvas if screen else STANDARD
     pictures = _pictures(venue_dir / "pictures", canvas)
     size = pictures["target"].shape[1] if pictures else SHOWN
     return Material(
@@ -186,12 +193,18 @@ def read_material(venue_dir: Path) -> Material:
         calibration,
         summary.get("figures", {}),
         summary.get("preset"),
-        *_loop(venue_dir / "loop", calibration),
+        *_loop(venue_dir / "loop", calibration, canvas),
         pictures,
         _truth(venue_dir / "truth", calibration, size),
-        load_venue(venue_dir) if (venue_dir / "venue.toml").is_file() else None,
+        venue,
         _other_seat(venue_dir, used, calibration),
     )
+
+
+def _screen(calibration: Calibration | None, venue: Venue | None) -> Screen | None:
+    if calibration:
+        return calibration.screen
+    return venue.screen if venue else None
 
 
 def _other_seat(
@@ -224,7 +237,7 @@ def _pictures(folder: Path, canvas: ContentCanvas) -> dict[str, Image]:
 
 
 def _loop(
-    folder: Path, calibration: Calibration | None
+    folder: Path, calibration: Calibration | None, canvas: ContentCanvas
 ) -> tuple[StoredLoop | None, dict[str, Image]]:
     """The last loop and its photographs; none if it was of another session than the calibration."""
     names = ("before", "after", "predicted", "free")
@@ -234,7 +247,6 @@ def _loop(
     session = calibration.provenance.session if calibration else None
     if stored.session not in (None, session):
         return None, {}
-    canvas = calibration.screen.canvas if calibration else STANDARD
     return stored, {n: _picture(folder / f"{n}.exr", canvas) for n in names}
 
 

@@ -70,6 +70,9 @@ def _by_part(screen: RoomScreen, seen: BeforeAfter) -> Table:
     for name in screen.lit:
         own = lit & (part == screen.room.names.index(name))
         weight = (seen.weight * own)[..., None] * np.ones(3)
+        if not weight.any():
+            rows.append([name.capitalize(), *["not lit"] * (len(PART_HEAD) - 1)])
+            continue
         free = weight * (seen.free > WHOLE)
         errors = ((seen.before, weight), (seen.after, weight), (seen.after, free))
         cells = [_rms(shown - seen.target, some) for shown, some in errors]

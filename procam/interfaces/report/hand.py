@@ -39,7 +39,7 @@ def by_hand(material: Material) -> Iterator[Block]:
 def _outline(entry: Entry, meaning: str) -> list[str]:
     kind, _, name = entry["of"].partition(" ")
     drawn = entry.get("file") or f"polygon of {entry['corners']} points"
-    covers = f"{percent(entry['share'])} of the {WHOLES[kind]}"
+    covers = f"{percent(entry['share'])} of the {WHOLES.get(kind, 'canvas')}"
     return [f"{kind.capitalize()} {name}".rstrip(), drawn, covers, meaning]
 
 

@@ -108,10 +108,9 @@ def _context(material: Material) -> dict[str, Any]:
 
 def _layout(material: Material) -> dict[str, Any] | None:
     """Height of a room's canvas and the boxes of its parts, in units of a hundredth of its width."""
-    calibration = material.calibration
-    if calibration is None or not isinstance(calibration.screen, RoomScreen):
+    if not isinstance(material.screen, RoomScreen):
         return None
-    room = calibration.screen.room
+    room = material.screen.room
     scale = 100 / room.size_m[0]
     boxes = {name: [scale * side for side in box] for name, box in room.layout().items()}
     return {"height": scale * room.size_m[1], "parts": boxes}

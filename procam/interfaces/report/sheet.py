@@ -5,12 +5,13 @@ from pathlib import Path
 from shlex import quote
 
 from procam.files import atomic
-from procam.files.calibration import load_calibration
+from procam.files.calibration import load_dome
 from procam.files.venue.load import Venue, load_venue
 from procam.files.versions import calibration_in_use, list_calibrations
 from procam.interfaces.report.cover import date_text, is_served
 from procam.interfaces.report.data import written_at
 from procam.interfaces.report.page import html_template
+from procam.model.screen import Dome
 
 NAME = "operator-sheet.html"
 SHOW, FRAMES, TRACK = "show.mov", "frames", "show-track"
@@ -28,6 +29,7 @@ def write_sheet(venue_dir: Path) -> Path:
         The venue has no calibration.
     """
     venue, used = load_venue(venue_dir), calibration_in_use(venue_dir)
+    dome = isinstance(venue.screen, Dome)
     folder = quote(str(venue_dir.resolve()))
     page = html_template("sheet_template.html").render(
         venue=venue_dir.resolve().name,
@@ -35,8 +37,9 @@ def write_sheet(venue_dir: Path) -> Path:
         written=date_text(written_at(used)),
         folder=folder,
         frames=_frames_text(venue),
+        verified=dome,
         play=list(_play(venue, folder)),
-        states=sorted(load_calibration(used).states),
+        states=sorted(load_dome(used).states),
         earlier=[(p.name, date_text(written_at(p))) for p in _earlier(venue_dir, used)],
         symptoms=list(_symptoms(venue, folder)),
     )
@@ -66,6 +69,8 @@ def _play(venue: Venue, folder: str) -> Iterator[tuple[str, str]]:
         f"Take the scattered light out of the show, and make {what}",
         f"procam compensate {folder} {SHOW} {FRAMES} --to projectors",
     )
+    if not isinstance(venue.screen, Dome):
+        return
     yield (
         "Or, for a player with procam's shader, only a track of the show",
         f"procam export {folder} shader {SHOW} {TRACK}",
@@ -74,13 +79,19 @@ def _play(venue: Venue, folder: str) -> Iterator[tuple[str, str]]:
 
 def _symptoms(venue: Venue, folder: str) -> Iterator[tuple[str, str]]:
     """What is seen, and what to do."""
+    dome = isinstance(venue.screen, Dome)
     yield (
         "Seams are double or blurred",
-        "Something moved. Run the monthly check; if it names a drift, have the dome calibrated again.",
+        "Something moved. Run the monthly check; if it names a drift, have the dome calibrated again."
+        if dome
+        else "Something moved. Have the room calibrated again.",
     )
     yield (
         "One part is darker or of another colour",
-        "Wait until the lamps are warm (30 min), clean the lens, run the monthly check.",
+        "Wait until the lamps are warm (30 min), clean the lens, "
+        + (
+            "run the monthly check." if dome else "and if it stays, have the room calibrated again."
+        ),
     )
     yield (
         "All of it is grey and pale",

@@ -168,7 +168,7 @@ class TestGauge:
             radius_known=radius_known,
         )
         found = solve_geometry(problem)
-        assert len(found.freedoms) == expected
+        assert len(found.freedoms) == found.gauge_freedoms == expected
         assert bool(missing_fiducials(radius_known, problem.fiducials, expected)) == (expected > 0)
 
     def test_a_distance_gives_the_size(self) -> None:

@@ -97,3 +97,16 @@ def test_hidden_faces_of_lit_walls_count_with_their_neighbours(screen: RoomScree
     seen = RoomView(screen, view)  # type: ignore[arg-type]
     assert not seen.known[hidden].any() and seen.known[~hidden].all()
     np.testing.assert_allclose(seen.irradiance(photograph), whole, rtol=0.02)
+
+
+def test_where_nothing_comes_back_shares_are_finite(screen: RoomScreen) -> None:
+    """A camera that sees one wall, and all others black: no light arrives at what it sees."""
+    black = screen.with_others(tuple((name, 0.0, 0.01) for name, _, _ in screen.others))
+    view, room = AllAround.of(black), black.room
+    face = view.faces(black).face
+    view.weight[(room.part != room.names.index("front"))[face]] = 0
+    white = np.where((view.weight > 0)[..., None], 0.5, 0).astype(np.float32) * np.ones(3)
+    flux = picture_flux(black, view, white.astype(np.float32))  # type: ignore[arg-type]
+    share = flux.share((white / 2).astype(np.float32))
+    assert np.isfinite(share).all() and np.isfinite(flux.pattern).all()
+    assert (np.asarray(flux.pattern) > 0).all()
