@@ -127,7 +127,13 @@ def _geometry(calibration: Calibration) -> Iterator[Block]:
             f"to {number(_mean(residual))} projector pixels (root mean square)."
         )
     sphere = calibration.quality.get("sphere_variance_ratio")
-    if sphere is not None and isinstance(calibration.screen, Dome):
+    if sphere is not None and not isinstance(calibration.screen, Dome):
+        fits = "has the dimensions" if sphere.passed else "does not quite have the dimensions"
+        yield Text(
+            f"The room {fits} that venue.toml states. Residuals vary {_mean(sphere):.2f} times as much as "
+            "the cameras' noise explains (1 is perfect; above 2.25 something is not as stated)."
+        )
+    elif sphere is not None:
         verdict = "The dome is a sphere, as far as the cameras can measure"
         if not sphere.passed:
             solved = calibration.screen.shape.degree
