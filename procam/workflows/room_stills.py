@@ -7,7 +7,7 @@ import numpy as np
 from procam.arrays import Array, BoolArray, FloatArray, Image
 from procam.maths.light.curves import srgb_decode
 from procam.model.screen import RoomScreen
-from procam.workflows.sample_content import half_sky
+from procam.workflows.sample_content import BLACK_TEXT, HALF_SKY_TEXT, half_sky
 
 LINE_M, LINE_PX = 0.03, 2.0  # whichever is wider
 PATCH_M = 0.5
@@ -62,8 +62,7 @@ ROOM_STILLS: Mapping[str, tuple[Callable[[int, RoomScreen], Image], str]] = {
     ),
     "half-sky": (
         half_sky,
-        "A bright sky over a darker ground. Compare the ground: without compensation the sky's light makes "
-        "it pale. The black trees stay a little grey even so, as no projector has negative light.",
+        HALF_SKY_TEXT,
     ),
     "ramp": (
         ramp,
@@ -77,8 +76,7 @@ ROOM_STILLS: Mapping[str, tuple[Callable[[int, RoomScreen], Image], str]] = {
     ),
     "black": (
         black,
-        "Black, after two minutes in the dark. No seam, no light from outside; what is seen is the black of "
-        "the projectors.",
+        BLACK_TEXT,
     ),
 }
 

@@ -7,6 +7,15 @@ from procam.maths.geometry.canvas import STANDARD
 from procam.maths.geometry.sphere import angles_from_direction, master_directions
 from procam.model.screen import RoomScreen, Screen
 
+# what to look for
+HALF_SKY_TEXT = (
+    "A bright sky over a darker ground. Compare the ground: without compensation the sky's light makes "
+    "it pale. The black trees stay a little grey even so, as no projector has negative light."
+)
+BLACK_TEXT = (
+    "Black, after two minutes in the dark. No seam, no light from outside; what is seen is the black of the "
+    "projectors."
+)
 HORIZON = np.radians(30.0)
 TREE_SPACING = np.radians(45.0)
 CEILING = np.radians(42.0)

@@ -19,7 +19,7 @@ from procam.model.screen import Dome, RoomScreen, Screen
 from procam.workflows.events import Event, Steps
 from procam.workflows.playout.frame import require_photometry
 from procam.workflows.room_stills import ROOM_STILLS
-from procam.workflows.sample_content import half_sky, white
+from procam.workflows.sample_content import BLACK_TEXT, HALF_SKY_TEXT, half_sky, white
 
 SIZE = 1024  # px of the dome masters
 MASTERS, CANVAS = "dome-masters", "canvas"
@@ -86,8 +86,7 @@ STILLS: Stills = {
     ),
     "half-sky": (
         half_sky,
-        "A bright sky over a darker ground. Compare the ground: without compensation the sky's light makes "
-        "it pale. The black trees stay a little grey even so, as no projector has negative light.",
+        HALF_SKY_TEXT,
     ),
     "ramp": (
         ramp,
@@ -101,8 +100,7 @@ STILLS: Stills = {
     ),
     "black": (
         black,
-        "Black, after two minutes in the dark. No seam, no light from outside; what is seen is the black of "
-        "the projectors.",
+        BLACK_TEXT,
     ),
 }
 
