@@ -12,7 +12,7 @@ from itertools import combinations
 import numpy as np
 
 from procam.arrays import Array
-from procam.errors import CalibrationError
+from procam.errors import CalibrationError, InputError
 from procam.estimate.boards.projector_corners import direct_linear_transform
 from procam.estimate.geometry.adjustment import SQUARE, RigProblem, square_rows
 from procam.estimate.geometry.model import (
@@ -281,7 +281,7 @@ def _solution(trial: RigProblem) -> GeometrySolution | None:
     """The solved rig; None where it cannot be solved."""
     try:
         return solve_geometry(trial)
-    except CalibrationError:
+    except (CalibrationError, InputError):  # a trial that leaves all lenses, where it does not fit
         return None
 
 

@@ -10,6 +10,7 @@ from procam.errors import CalibrationError
 from procam.estimate.geometry.fiducials import best_rotation, distance_in_rig, fiducial_point
 from procam.estimate.geometry.model import RigGeometry
 from procam.maths.geometry.sphere import normalise
+from procam.maths.mesh.shape import MeshShape
 from procam.model.optics import Distance, Fiducial
 from procam.model.provenance import Note
 
@@ -79,9 +80,12 @@ def _check_fiducials(rig: RigGeometry, fiducials: Sequence[Fiducial], slack: flo
     elif 1 < len(suspects) < len(names):
         cause += f" ({' or '.join(suspects)} is wrong)"
     off = np.degrees(worst * max(f.sigma for f in soft))
+    places = "azimuth_deg and elevation_deg"
+    if isinstance(rig.shape, MeshShape):
+        places = "the dimensions of the room in [screen], canvas_m"
     raise CalibrationError(
-        f"fiducials: {cause}, off by up to {off:.2g} degrees. Check azimuth_deg and elevation_deg "
-        "(canvas_m in a room), pixel, that the pixel shows this fiducial, and f, c and k of the camera."
+        f"fiducials: {cause}, off by up to {off:.2g} degrees. Check {places}, pixel, that the pixel shows "
+        "this fiducial, and f, c and k of the camera."
     )
 
 
