@@ -28,6 +28,7 @@ ANY: Bounds = (-1e9, 1e9)  # of lengths, angles and pixels: wider than any rig
 POSITIVE: Bounds = (1e-9, 1e9)
 SHARE: Bounds = (0.0, 1.0)
 ROOMS = ("box", "cylinder")
+MOVED: Bounds = (-1.0, 1.0)  # of the seven numbers of a wall [m, rad]: more is another room
 ANGLE: Bounds = (-2 * np.pi, 2 * np.pi)
 FIELD_OF_VIEW: Bounds = (0.1, 2 * np.pi)
 PIXELS: Bounds = (1, 65536)
@@ -103,7 +104,13 @@ def _room(entry: dict[str, Any]) -> RoomScreen:
         (str(n), *numbers({"albedo": pair}, "albedo", (2,), SHARE).tolist())
         for n, *pair in entry["others"]
     ]
-    found = RoomScreen(str(entry["kind"]), (size[0], size[1], size[2]), lit, tuple(others))
+    moved = [
+        (str(name), tuple(numbers({"moved": by}, "moved", (7,), MOVED).tolist()))
+        for name, by in entry.get("moved", [])
+    ]
+    found = RoomScreen(
+        str(entry["kind"]), (size[0], size[1], size[2]), lit, tuple(others), tuple(moved)
+    )
     if found.kind not in ROOMS or set(lit) | {n for n, *_ in others} != set(found.room.names):
         raise ValueError(
             f"a screen of kind {found.kind[:40]!r} with the parts {lit} is none that procam makes"

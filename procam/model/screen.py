@@ -16,7 +16,7 @@ from procam.arrays import Array, BoolArray, FloatArray
 from procam.errors import InputError, ShapeError, UnitError
 from procam.maths.geometry.canvas import STANDARD, Canvas
 from procam.maths.geometry.ray_to_screen import RoundShape
-from procam.maths.geometry.sphere import normalise
+from procam.maths.geometry.sphere import angles_from_direction, normalise
 
 if TYPE_CHECKING:
     from procam.maths.mesh.compressed import CompressedFactors
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from procam.maths.mesh.shape import MeshShape
 
 FACES = 4000  # of a room, about
+NAMED = 1024  # width of the canvas on which places are named
 GEOMETRY = ("room", "shape", "canvas", "factors")  # what is kept of a room
 
 
@@ -79,6 +80,11 @@ class Dome:
         """Whether directions (..., 3) lie on the cap."""
         return np.asarray(direction[..., 2] >= np.cos(self.half_angle))
 
+    def named(self, direction: Array) -> str:
+        """A direction (3,) in words."""
+        azimuth, elevation = np.degrees(angles_from_direction(direction))
+        return f"azimuth {azimuth:.0f}, elevation {elevation:.0f} degrees"
+
     def measure(self, points: Array) -> Array:
         """Points (..., 3) as areas are counted, in solid angles from the centre [sr]: on the unit sphere."""
         return normalise(points)
@@ -98,27 +104,34 @@ class RoomScreen:
     kind : "box" or "cylinder". size : of a box width, depth and height [m]; of a cylinder radius [m], arc
         [degrees] and height [m]. lit : names of the parts that projectors light.
     others : parts that are not lit: name, albedo and its standard error [-].
+    moved : lit parts that are not where the dimensions have them, and how, see `maths.mesh.wall_moves`.
     """
 
     kind: str
     size: tuple[float, float, float]
     lit: tuple[str, ...]
     others: tuple[tuple[str, float, float], ...] = ()
+    moved: tuple[tuple[str, tuple[float, ...]], ...] = ()
 
     @cached_property
     def room(self) -> "Room":
         """Its mesh and canvas."""
         from procam.maths.mesh.rooms import planned_room  # noqa: PLC0415 - SciPy
+        from procam.maths.mesh.wall_moves import moved_by  # noqa: PLC0415 - SciPy
 
-        return planned_room(self.kind, self.size, self.lit, FACES)
+        drawn = planned_room(self.kind, self.size, self.lit, FACES)
+        moves = {drawn.names.index(name): np.array(numbers) for name, numbers in self.moved}
+        by = moved_by(drawn.vertices, drawn.faces, drawn.part, moves)
+        return replace(drawn, vertices=drawn.vertices + by)
 
     @cached_property
     def shape(self) -> "MeshShape":
         """The surface that rays meet."""
         from procam.maths.mesh.shape import MeshShape  # noqa: PLC0415 - SciPy, which domes do not need
 
-        smooth = self.kind == "cylinder"
-        return MeshShape.of(self.room.vertices, self.room.faces, smooth=smooth)
+        room, smooth = self.room, self.kind == "cylinder"
+        free = {number: n for number, n in enumerate(room.names) if n in self.lit}
+        return MeshShape.of(room.vertices, room.faces, smooth=smooth, part=room.part, free=free)
 
     @cached_property
     def canvas(self) -> "RoomCanvas":
@@ -167,13 +180,26 @@ class RoomScreen:
         """Whether directions (..., 3) are known: the room is all around."""
         return np.asarray(np.isfinite(direction).all(axis=-1))
 
+    def named(self, direction: Array) -> str:
+        """The place on the canvas in a direction (3,), in words."""
+        width_m, height_m = self.room.size_m
+        rows, columns = self.canvas.shape(NAMED)
+        x, y = self.canvas.pixels(normalise(direction), NAMED) + 0.5
+        across, down = x * width_m / columns, y * height_m / rows
+        return f"{across:.1f} m from the left and {down:.1f} m from the top"
+
     def measure(self, points: Array) -> Array:
         """Points (..., 3) as areas are counted, in [m^2]: as they are."""
         return points
 
     def solved(self, shape: RoundShape) -> "RoomScreen":
-        """The room itself, whose dimensions are known."""
-        return self
+        """The room as it was drawn, with its walls where a shape that was solved has them."""
+        from procam.maths.mesh.shape import MeshShape  # noqa: PLC0415 - SciPy
+
+        if not isinstance(shape, MeshShape) or not shape.moves.any():
+            return self
+        moved = shape.moved_parts().items()
+        return replace(self, moved=tuple((name, tuple(map(float, by))) for name, by in moved))
 
 
 Screen = Dome | RoomScreen

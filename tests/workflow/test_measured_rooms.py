@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import tomlkit
 from scipy.ndimage import binary_erosion
 from tiny_venue import refused
 from typer.testing import CliRunner
@@ -25,6 +26,7 @@ from simulators.template import walls_text
 from simulators.walled_room import Cast, WalledSurface
 
 SIZE = SceneSize(2, (640, 400), 2, (800, 800), rays=1024, map_size=256)
+LOWER_M = 0.02
 EDGE_PX = 4  # of the canvas, beside what is lit in part
 Room = tuple[Path, Calibration, DomeScene]
 
@@ -51,14 +53,27 @@ class OnWalls:
         return direct, scattered
 
 
-@pytest.fixture(scope="module", params=["box", "cylinder"])
+@pytest.fixture(scope="module", params=["box", "box that is lower", "cylinder"])
 def room(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Room:
-    folder = tmp_path_factory.mktemp(request.param)
-    (folder / "venue.toml").write_text(walls_text(request.param, SIZE, patch_m=0.25), "utf-8")
+    kind, *other = request.param.split(maxsplit=1)
+    folder = tmp_path_factory.mktemp(kind)
+    text = walls_text(kind, SIZE, patch_m=0.25)
+    (folder / "venue.toml").write_text(_drawn_higher(text) if other else text, "utf-8")
     done = CliRunner().invoke(app, ["calibrate", str(folder)])
     assert done.exit_code == 0, done.output
     calibration = load_calibration(folder / "calibrations" / "0001")
     return folder, calibration, build_scene(load_venue(folder).backends["simulated"], folder)
+
+
+def _drawn_higher(text: str) -> str:
+    """venue.toml of a box that is `LOWER_M` lower than its drawing; marks are measured from upper edges."""
+    document = tomlkit.parse(text)
+    screen, marks = document["screen"], document["fiducials"]
+    screen["height_m"] = float(screen["height_m"]) + LOWER_M
+    for mark in marks:
+        if mark["name"].startswith("floor"):
+            mark["canvas_m"][1] = float(mark["canvas_m"][1]) + LOWER_M
+    return tomlkit.dumps(document)
 
 
 def test_pixels_land_where_they_land(room: Room) -> None:
@@ -82,9 +97,20 @@ def test_the_albedo_is_that_of_the_paint(room: Room) -> None:
     np.testing.assert_allclose(calibration.albedo.value, true, rtol=0.02)
     low, high = calibration.albedo.interval()
     assert ((low < true) & (true < high)).all()
-    assert not calibration.provenance.notes  # a clean room
+    moved = calibration.screen.moved  # type: ignore[union-attr]
+    noted = [(note.code, note.subject) for note in calibration.provenance.notes]
+    assert noted == ([("wall off", "wall floor")] if moved else [])
     for _, albedo, sigma in calibration.screen.others:  # type: ignore[union-attr]
         assert abs(albedo - 0.2) < 3 * sigma
+
+
+def test_walls_that_are_off_are_solved(room: Room) -> None:
+    _, calibration, scene = room
+    moved = dict(calibration.screen.moved)  # type: ignore[union-attr]
+    lower = scene.room.surface.walls[0].size_m[1] < calibration.screen.size[2] - 0.01  # type: ignore[union-attr]
+    assert bool(moved) == lower
+    if moved:
+        assert moved["floor"][0] - moved["floor"][3] == pytest.approx(-LOWER_M, abs=0.005)
 
 
 def lit_albedo(surface: WalledSurface) -> float:

@@ -45,6 +45,7 @@ CLIPPED = 50.0  # standard errors: limit of a residual, so that no misread patch
 CAUCHY = 2.5  # standard errors: scale of the robust loss
 CONVERGED = 0.01  # of chi squared: a smaller gain moves no parameter by a tenth of its sigma
 DAMPING = {True: (1e-3, 10.0), False: (1e-6, 100.0)}  # initial, and divisor per step; robust or not
+STALLED = 6  # rounds without a lower cost
 UNDAMPED = 1e-9  # of the diagonal: with more damping, weakly determined parameters do not move
 LEAST_DAMPING = 1e-11  # keeps the matrix regular along gauge freedoms
 LENS_PRIOR = {  # sigmas: focal length [share], centre [share of the size], first distortion [-]
@@ -53,7 +54,6 @@ LENS_PRIOR = {  # sigmas: focal length [share], centre [share of the size], firs
     "solve": (0.2, 0.05, 0.2),
 }
 PUPIL_PRIOR_M = 0.005
-HARMONIC_PRIOR = 3e-4  # of the radius, per coefficient: domes are built to a centimetre
 BROWN_PRIOR = (0.3, 0.3, 0.02, 0.02, 5e-4)  # k1 k2 p1 p2 k3 of a projector
 FISHEYE_PRIOR = (0.2, 0.1, 0.05, 0.02)
 SQUARE = 5e-5  # share by which the two focal lengths of square pixels may differ
@@ -115,10 +115,8 @@ def prior_sigmas(problem: RigProblem, rig: RigGeometry) -> Array:
     """Prior standard deviations (P,) of the parameters; 0 for fixed ones, infinite for free ones."""
     layout = ParameterLayout.of(rig)
     sigma = np.full(layout.count, np.inf)
-    sigma[layout.screen] = np.r_[
-        0.0 if problem.radius_known else np.inf,
-        np.full(rig.shape.harmonic_coefficients.size, HARMONIC_PRIOR if rig.shape.degree else 0.0),
-    ]
+    radius = 0.0 if problem.radius_known else np.inf
+    sigma[layout.screen] = np.r_[radius, rig.shape.coefficient_sigmas]
     for name, camera in rig.cameras.items():
         block = sigma[layout.cameras[name]]
         lens_prior = LENS_PRIOR[problem.intrinsics[name]]
@@ -180,6 +178,22 @@ def descent(
     return step, gain, damping
 
 
+@dataclass(slots=True)
+class _Best:
+    """The rig of the lowest cost so far, and for how many rounds there was none lower."""
+
+    rig: RigGeometry
+    cost: float = np.inf
+    rounds: int = 0
+
+    def stalls(self, rig: RigGeometry, cost: float) -> bool:
+        """Whether rigs only go round about a minimum, where rays that cross edges of walls make kinks."""
+        self.rounds += 1
+        if cost < self.cost - CONVERGED:
+            self.rig, self.cost, self.rounds = rig, cost, 0
+        return self.rounds >= STALLED
+
+
 class Adjustment:
     """Levenberg-Marquardt on a set of observations, fiducials and priors.
 
@@ -214,7 +228,7 @@ class Adjustment:
         # from what venue.toml says, not from where an earlier stage ended
         moved, (damping, easing) = prior_departures(self.problem, rig), DAMPING[robust]
         self._update_derivatives(rig)
-        scale = self._robust_sigmas(rig) if robust else self._scales(rig)
+        scale, best = self._robust_sigmas(rig) if robust else self._scales(rig), _Best(rig)
         for _ in range(ROBUST_ROUNDS if robust else ROUNDS):
             if robust:  # a scale that grew again would discard a whole projector
                 now = self._robust_sigmas(rig)
@@ -226,6 +240,8 @@ class Adjustment:
             self._update_derivatives(rig)
             if gain < CONVERGED and damping < UNDAMPED:
                 return rig
+            if not robust and best.stalls(rig, self._cost(rig, scale, robust, moved, 0 * step)):
+                return best.rig
         if robust:
             return rig  # a start for the next solve
         raise DidNotConverge(

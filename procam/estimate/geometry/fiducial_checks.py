@@ -7,7 +7,7 @@ import numpy as np
 
 from procam.arrays import Array
 from procam.errors import CalibrationError
-from procam.estimate.geometry.fiducials import best_rotation, distance_in_rig, fiducial_point
+from procam.estimate.geometry.fiducials import best_rotation, distance_in_rig, fiducial_points
 from procam.estimate.geometry.model import RigGeometry
 from procam.maths.geometry.sphere import normalise
 from procam.maths.mesh.shape import MeshShape
@@ -111,7 +111,7 @@ def _softened(fiducials: Sequence[Fiducial], slack: float) -> list[Fiducial]:
 
 def _seen(rig: RigGeometry, fiducials: Sequence[Fiducial]) -> Array:
     """Directions (N, 3) in which the cameras see the fiducials."""
-    return normalise(np.array([fiducial_point(rig, f) for f in fiducials]))
+    return normalise(fiducial_points(rig, fiducials))
 
 
 def _disagreement(fiducials: Sequence[Fiducial], seen: Array) -> float:

@@ -13,8 +13,10 @@ from procam.kernels import PlacedDevice
 from procam.kernels.bundle.reference import point_slopes, rays_sent
 from procam.maths.geometry.lenses import unproject
 from procam.maths.geometry.pose import Pose, align_rotation, rotation_matrix, rotation_vector
+from procam.maths.geometry.ray_to_screen import RoundShape
 from procam.maths.geometry.sphere import angles_from_direction, direction_from_angles, normalise
 from procam.maths.mesh.shape import MeshShape
+from procam.maths.statistics import robust_sigma
 from procam.model.optics import Distance, Fiducial
 
 PIXEL_STEP = 0.1  # of a mark's pixel, for numerical derivatives
@@ -27,8 +29,9 @@ def fiducial_rows(
     """Residuals (M,) of fiducials and distances over their sigmas, and derivatives (M, P)."""
     layout = ParameterLayout.of(rig)
     error, rows = fiducial_residuals(rig, fiducials, distances), [np.zeros((0, layout.count))]
-    for fiducial in fiducials:
-        point, by_parameters = _point_slopes(rig, fiducial, layout)
+    for fiducial, point, by_parameters in zip(
+        fiducials, *_drawn_slopes(rig, fiducials, layout), strict=True
+    ):
         by_point = [
             _residual(fiducial, normalise(point + step))
             - _residual(fiducial, normalise(point - step))
@@ -48,11 +51,26 @@ def with_camera_errors(rig: RigGeometry, fiducials: Sequence[Fiducial]) -> list[
     """Fiducials in a room, where an error of a pixel may be a larger angle about the room's origin.
 
     A camera that is nearer to its mark than the origin makes less of it, and one that looks along the wall
-    makes more. In a dome both see it from about the middle.
+    makes more. In a dome both see it from about the middle. Marks are measured from edges of walls; if those
+    are not where they were drawn, marks are as far off as most of them disagree.
     """
     if not isinstance(rig.shape, MeshShape):
         return list(fiducials)
-    return [_with_camera_error(rig, each) for each in fiducials]
+    marks = [_with_camera_error(rig, each) for each in fiducials]
+    if not rig.shape.moves.any():
+        return marks
+    apart = max(1.0, robust_sigma(fiducial_residuals(rig, marks, ()), 0.0))
+    return [replace(mark, sigma=apart * mark.sigma) for mark in marks]
+
+
+def loosened(shape: RoundShape, fiducials: Sequence[Fiducial], metres: float) -> list[Fiducial]:
+    """Fiducials of known direction on a screen, with so much more in their standard errors."""
+    angles = np.array([(f.azimuth or 0.0, f.elevation or 0.0) for f in fiducials]).reshape(-1, 2)
+    away = shape.radius_at(direction_from_angles(*angles.T))
+    return [
+        replace(mark, sigma=float(np.hypot(mark.sigma, metres / far)))
+        for mark, far in zip(fiducials, away, strict=True)
+    ]
 
 
 def _with_camera_error(rig: RigGeometry, fiducial: Fiducial) -> Fiducial:
@@ -77,7 +95,8 @@ def fiducial_residuals(
     rig: RigGeometry, fiducials: Sequence[Fiducial], distances: Sequence[Distance]
 ) -> Array:
     """Residuals (M,) of fiducials and distances over their sigmas."""
-    parts = [_residual(f, normalise(fiducial_point(rig, f))) for f in fiducials]
+    seen = normalise(fiducial_points(rig, fiducials))
+    parts = [_residual(*each) for each in zip(fiducials, seen, strict=True)]
     parts += [
         np.array([distance_in_rig(rig, fiducials, d) - d.metres]) / d.sigma_m for d in distances
     ]
@@ -86,37 +105,69 @@ def fiducial_residuals(
 
 def fiducial_point(rig: RigGeometry, fiducial: Fiducial) -> Array:
     """The point (3,) [m] of the screen where a fiducial's device sees it, or projects it."""
-    device, ray = _device_of(rig, fiducial)
-    return rig.shape.intersect(*rays_sent(device, ray))[0]
+    return fiducial_points(rig, [fiducial])[0]
+
+
+def fiducial_points(rig: RigGeometry, fiducials: Sequence[Fiducial]) -> Array:
+    """The points (M, 3) [m] of the screen where the fiducials' devices see, or project, them.
+
+    On walls that moved they are places where the drawing has them, as stated places are on the drawing.
+    """
+    points = np.zeros((len(fiducials), 3))
+    for name, own in _by_device(fiducials).items():
+        device, rays = _device_of(rig, name, [fiducials[i] for i in own])
+        points[own] = rig.shape.intersect(*rays_sent(device, rays))
+    return rig.shape.drawn(points) if isinstance(rig.shape, MeshShape) else points
+
+
+def _by_device(fiducials: Sequence[Fiducial]) -> dict[str, list[int]]:
+    """Numbers of the fiducials of each device."""
+    names = dict.fromkeys(f.device for f in fiducials)
+    return {name: [i for i, f in enumerate(fiducials) if f.device == name] for name in names}
+
+
+def _drawn_slopes(
+    rig: RigGeometry, fiducials: Sequence[Fiducial], layout: ParameterLayout
+) -> tuple[Array, Array]:
+    """`fiducial_points`, and their derivatives (M, 3, P) by the rig's parameters."""
+    points, slopes = _point_slopes(rig, fiducials, layout)
+    if isinstance(rig.shape, MeshShape):
+        slopes[..., layout.screen][..., 2:] -= np.moveaxis(rig.shape.moved_at(points), 1, 2)
+        points = rig.shape.drawn(points)
+    return points, slopes
 
 
 def _point_slopes(
-    rig: RigGeometry, fiducial: Fiducial, layout: ParameterLayout
+    rig: RigGeometry, fiducials: Sequence[Fiducial], layout: ParameterLayout
 ) -> tuple[Array, Array]:
-    """`fiducial_point`, and its derivatives (3, P) by the rig's parameters."""
-    device, ray = _device_of(rig, fiducial)
-    hit = rig.shape.hit(*rays_sent(device, ray))
-    shape, identity = rig.shape, np.eye(3)[None]
-    coefficients = shape.harmonic_coefficients
-    parts = point_slopes(device, ray, hit, shape.radius_m, coefficients, identity, lens_free=True)
-    by_own = np.concatenate(parts, axis=2)[0]
-    columns = np.r_[layout.screen, _block(layout, fiducial.device)]
-    slopes = np.zeros((3, layout.count))
-    slopes[:, columns] = by_own[:, : len(columns)]  # a projector has no pupil parameters
-    return hit.point[0], slopes
+    """Points (M, 3) [m] that fiducials' devices see, and derivatives (M, 3, P) by the rig's parameters."""
+    shape, coefficients = rig.shape, rig.shape.harmonic_coefficients
+    points, slopes = np.zeros((len(fiducials), 3)), np.zeros((len(fiducials), 3, layout.count))
+    for name, own in _by_device(fiducials).items():
+        device, rays = _device_of(rig, name, [fiducials[i] for i in own])
+        hit = shape.hit(*rays_sent(device, rays))
+        points[own], by_point = hit.point, np.tile(np.eye(3), (len(own), 1, 1))
+        parts = point_slopes(device, rays, hit, shape.radius_m, coefficients, by_point, True)
+        by_own = np.concatenate(parts, axis=2)
+        columns = np.r_[layout.screen, _block(layout, name)]
+        # a projector has no pupil parameters
+        slopes[np.ix_(own, range(3), columns)] = by_own[..., : len(columns)]
+    return points, slopes
 
 
-def _device_of(rig: RigGeometry, fiducial: Fiducial) -> tuple[PlacedDevice, Array]:
-    """The device of a fiducial, and the ray (1, 3) of its pixel."""
-    pixel = np.asarray(fiducial.pixel, float)[None]
-    if fiducial.device in rig.cameras:
-        camera = rig.cameras[fiducial.device]
+def _device_of(
+    rig: RigGeometry, name: str, fiducials: Sequence[Fiducial]
+) -> tuple[PlacedDevice, Array]:
+    """A camera or projector, and the rays (M, 3) of the pixels of its fiducials."""
+    pixels = np.array([f.pixel for f in fiducials], float)
+    if name in rig.cameras:
+        camera = rig.cameras[name]
         assert camera.camera_from_dome is not None
         device = device_of(camera.camera_from_dome, camera.lens, camera.pupil)
-        return device, unproject(pixel, camera.lens)
-    projector = rig.projectors[fiducial.device]
+        return device, unproject(pixels, camera.lens)
+    projector = rig.projectors[name]
     device = device_of(projector.projector_from_dome, projector.lens, np.zeros(PUPIL))
-    return device, unproject(pixel, projector.lens)
+    return device, unproject(pixels, projector.lens)
 
 
 def _block(layout: ParameterLayout, name: str) -> slice:
@@ -162,7 +213,8 @@ def _position(
         return pose.origin, slopes
     for fiducial in fiducials:
         if fiducial.name == name:
-            return _point_slopes(rig, fiducial, layout)
+            point, slopes = _point_slopes(rig, [fiducial], layout)
+            return point[0], slopes[0]
     raise InputError(
         f"distances: {name!r} is not a camera, projector or fiducial of this venue. Use one of "
         f"{', '.join([*rig.cameras, *rig.projectors, *(f.name for f in fiducials)])}."
@@ -173,7 +225,7 @@ def rotated_to_fiducials(rig: RigGeometry, fiducials: Sequence[Fiducial]) -> Rig
     """The rig rotated about the screen's centre to the known directions of the fiducials."""
     if not fiducials:
         return rig
-    seen = normalise(np.array([fiducial_point(rig, f) for f in fiducials]))
+    seen = normalise(fiducial_points(rig, fiducials))
     return rotated(rig, best_rotation(fiducials, seen)[0])
 
 

@@ -12,6 +12,7 @@ from procam.estimate.geometry.adjustment import (
     prior_sigmas,
     systematic_ratio,
 )
+from procam.estimate.geometry.fits import agreeing
 from procam.estimate.geometry.model import (
     ParameterLayout,
     RigGeometry,
@@ -20,7 +21,6 @@ from procam.estimate.geometry.model import (
 from procam.estimate.geometry.solve import (
     GROSS_SIGMAS,
     GeometrySolution,
-    agreeing,
     with_covariances,
 )
 from procam.estimate.geometry.start import check_projectors_placed, resect_projectors

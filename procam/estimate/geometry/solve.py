@@ -18,14 +18,13 @@ from procam.estimate.geometry.adjustment import (
     Adjustment,
     Intrinsics,
     RigProblem,
-    normalised_residuals,
     prior_sigmas,
     square_rows,
-    systematic_ratio,
 )
 from procam.estimate.geometry.creases import widened_at_creases
 from procam.estimate.geometry.fiducial_checks import check_fiducials
-from procam.estimate.geometry.fiducials import rotated_to_fiducials, with_camera_errors
+from procam.estimate.geometry.fiducials import loosened, rotated_to_fiducials
+from procam.estimate.geometry.fits import agreeing, fitted, mean_ratio, robustly
 from procam.estimate.geometry.model import (
     Observations,
     Pair,
@@ -40,16 +39,15 @@ from procam.estimate.geometry.start import (
     resect_camera,
     resect_projectors,
 )
+from procam.estimate.geometry.walls import with_walls
 from procam.maths.geometry.ray_to_screen import shape_coefficient_count
 from procam.maths.mesh.shape import MeshShape
-from procam.maths.statistics import robust_sigma_2d
 from procam.model.optics import CameraModel, Distance, Fiducial, ProjectorModel
 
 FEW = 1500  # observations of each pair in the first fits
 ROUGH = 300  # observations of each pair for a start
 TRIES = (8, 4, 2, 1)  # start positions of the first camera that each round keeps
 MOST_NOT_SPHERE = 5000  # per pair in the last fit of a screen whose shape, not noise, dominates
-OUTLIER_SIGMAS = 6.0
 GROSS_SIGMAS = 40.0  # kept in the result: the model may be this far off where light grazes
 MAX_SPHERE_RATIO = 1.5  # systematic ratio up to which the screen counts as a sphere
 # systematic ratio with marks over that without, from which they bend the lens: right marks make it 1.06
@@ -58,6 +56,7 @@ BENT = 1.5
 DEGREES = (6, 8)  # of harmonics, in turn; lower ones explain little of a dome made of panels
 NOT_SQUARE = 4.0  # standard errors by which panels' pixels must differ from squares
 MOVES = 1e-4  # of all that a freedom moves, from which a camera moves with it
+WALLS_OFF_M = 0.03  # of a room, as drawings of rooms are
 EXPLAINS = 0.9  # harmonics are kept if they reduce the systematic ratio to this share
 # with one camera, to which a lens that is not of the fitted kind looks like a deformation: deformations
 # leave 0.25 to 0.45 of the ratio, and lenses that ripple by 0.1 px leave 0.8 or more
@@ -118,7 +117,8 @@ def solve_geometry(problem: RigProblem) -> GeometrySolution:
     """Solve a rig.
 
     The screen's harmonics are solved for if an exact sphere does not explain what was seen. A mesh keeps its
-    shape; the first camera gets its start from four or more fiducials.
+    shape but for walls that are not where they were drawn; the first camera gets its start from four or more
+    fiducials.
 
     Raises
     ------
@@ -128,16 +128,10 @@ def solve_geometry(problem: RigProblem) -> GeometrySolution:
         If there is no solution, or fiducials contradict each other.
     """
     _check_finite(problem.observations)
-    few = _thinned(problem.observations)
-    rig = _fitted(problem, few, _in_place(problem, few))
-    observations = widened_at_creases(rig, problem.observations)
-    if isinstance(rig.shape, MeshShape):
-        problem = replace(problem, fiducials=with_camera_errors(rig, problem.fiducials))
-        few = _thinned(observations)
-        rig = _fitted(problem, few, rig)
-    on_sphere = _mean_ratio(rig, few)
+    problem, rig = (_on_sphere if problem.shape.is_sphere else _in_room)(problem)
+    observations, few = problem.observations, _thinned(problem.observations)
+    on_sphere, used = mean_ratio(rig, few), observations
     rig = _with_harmonics(problem, few, rig) if problem.shape.is_sphere else rig
-    used = observations
     if not rig.shape.is_sphere:
         used = {pair: some.thinned(MOST_NOT_SPHERE) for pair, some in used.items()}
     rig, last = _last_fit(problem, agreeing(rig, used), rig)
@@ -193,20 +187,20 @@ def _with_harmonics(
     """The rig with as many harmonics of the screen as reduce the systematic ratio."""
     sphere = rig
     for degree in DEGREES:
-        ratio = _mean_ratio(rig, few)
+        ratio = mean_ratio(rig, few)
         if ratio < MAX_SPHERE_RATIO or degree > problem.most_degree:
             break
         coefficients = np.zeros(shape_coefficient_count(degree))
         coefficients[: rig.shape.harmonic_coefficients.size] = rig.shape.harmonic_coefficients
         shape = replace(rig.shape, harmonic_coefficients=coefficients, degree=degree)
         try:
-            trial = _fitted(problem, few, RigGeometry(shape, rig.cameras, rig.projectors))
+            trial = fitted(problem, few, RigGeometry(shape, rig.cameras, rig.projectors))
         except DidNotConverge:
             break
-        if _mean_ratio(trial, few) > EXPLAINS * ratio:
+        if mean_ratio(trial, few) > EXPLAINS * ratio:
             break
         rig = trial
-    if len(rig.cameras) == 1 and _mean_ratio(rig, few) > EXPLAINS_ALONE * _mean_ratio(sphere, few):
+    if len(rig.cameras) == 1 and mean_ratio(rig, few) > EXPLAINS_ALONE * mean_ratio(sphere, few):
         return sphere
     return rig
 
@@ -231,14 +225,31 @@ def with_covariances(rig: RigGeometry, covariance: Array) -> RigGeometry:
     return RigGeometry(rig.shape, rig.cameras, projectors)
 
 
-def _in_place(problem: RigProblem, few: Mapping[Pair, Observations]) -> RigGeometry:
-    """All devices near their poses in the dome frame."""
+def _on_sphere(problem: RigProblem) -> tuple[RigProblem, RigGeometry]:
+    """All devices in the dome frame, on an exact sphere."""
+    few = _thinned(problem.observations)
     free = replace(problem, fiducials=(), distances=())
-    turns = problem.shape.is_sphere  # a rotation about a sphere's centre changes no residual
-    start = _started(free, few) if turns else _started_on_mesh(problem, few)
-    rig = _fitted(free, few, start)
+    rig = fitted(free, few, _started(free, few))
     _check_roughly(problem, few, rig)
-    return rotated_to_fiducials(rig, problem.fiducials) if turns else rig
+    return problem, fitted(problem, few, rotated_to_fiducials(rig, problem.fiducials))
+
+
+def _in_room(problem: RigProblem) -> tuple[RigProblem, RigGeometry]:
+    """All devices in a room, and its problem with errors of patches and marks that hold in this room.
+
+    Walls may be off, and with them marks. Without marks, or walls that may move, lenses would bend until the
+    pictures fit.
+    """
+    shape, few = problem.shape, _thinned(problem.observations)
+    assert isinstance(shape, MeshShape)
+    near = replace(problem, fiducials=loosened(shape, problem.fiducials, WALLS_OFF_M))
+    rig = robustly(near, few, _started_on_mesh(near, few))
+    rig = robustly(near, few, replace(rig, shape=shape.with_free_walls()))
+    problem = replace(problem, observations=widened_at_creases(rig, problem.observations))
+    few = _thinned(problem.observations)
+    rig = robustly(near, few, rig)
+    check_fiducials(rig, near.fiducials, near.distances, rough=True)
+    return with_walls(problem, few, rig)
 
 
 def _check_roughly(problem: RigProblem, few: Mapping[Pair, Observations], rig: RigGeometry) -> None:
@@ -261,7 +272,7 @@ def _check_roughly(problem: RigProblem, few: Mapping[Pair, Observations], rig: R
             intrinsics = {**problem.intrinsics, **dict.fromkeys(lenses, mode)}
             if _fits_marks(replace(unmarked, intrinsics=intrinsics), few, given, marks):
                 return
-        turned, worst = rotated_to_fiducials(given, problem.fiducials), BENT * _mean_ratio(rig, few)
+        turned, worst = rotated_to_fiducials(given, problem.fiducials), BENT * mean_ratio(rig, few)
         if not (lenses and _fits_marks(problem, few, turned, marks, worst)):
             raise
 
@@ -275,11 +286,11 @@ def _fits_marks(
 ) -> bool:
     """Whether a rig solved from a start agrees with marks, with a systematic ratio of at most `most`."""
     try:
-        rig = _fitted(problem, few, start)
+        rig = fitted(problem, few, start)
         check_fiducials(rig, *marks, rough=True, size_known=problem.radius_known)
     except CalibrationError:
         return False
-    return _mean_ratio(rig, few) <= most
+    return mean_ratio(rig, few) <= most
 
 
 def _started_on_mesh(problem: RigProblem, few: Mapping[Pair, Observations]) -> RigGeometry:
@@ -295,7 +306,7 @@ def _started(problem: RigProblem, seen: Mapping[Pair, Observations]) -> RigGeome
     rigs = initial_rigs(problem.cameras[first], problem.shape, problem.projectors, seen)
     for most in TRIES:
         rigs = _best_first(problem, seen, rigs[:most])
-        if _mean_ratio(rigs[0], _visible(rigs[0], seen)) < MAX_SPHERE_RATIO:
+        if mean_ratio(rigs[0], _visible(rigs[0], seen)) < MAX_SPHERE_RATIO:
             break
         # resect projectors that started too far off from the better position of the camera
         rigs = [resect_projectors(rig, problem.projectors, seen) for rig in rigs]
@@ -328,7 +339,7 @@ def _best_first(
     tried: list[tuple[float, RigGeometry]] = []
     for start in starts:
         rig = _roughly(problem, seen, start)
-        tried.append((_mean_ratio(rig, _visible(rig, seen)), rig))
+        tried.append((mean_ratio(rig, _visible(rig, seen)), rig))
         if tried[-1][0] < MAX_SPHERE_RATIO:
             return [rig]
     return [rig for _, rig in sorted(tried, key=lambda each: each[0])]
@@ -346,32 +357,3 @@ def _roughly(
 
 def _visible(rig: RigGeometry, seen: Mapping[Pair, Observations]) -> dict[Pair, Observations]:
     return {(c, p): o for (c, p), o in seen.items() if c in rig.cameras and p in rig.projectors}
-
-
-def _fitted(
-    problem: RigProblem, seen: Mapping[Pair, Observations], rig: RigGeometry
-) -> RigGeometry:
-    """A robust fit, then a plain one of the observations that agree."""
-    prior = prior_sigmas(problem, rig)
-    rig = Adjustment(problem, seen, prior).solve(rig, robust=True)
-    return Adjustment(problem, agreeing(rig, seen), prior).solve(rig, robust=False)
-
-
-def _mean_ratio(rig: RigGeometry, seen: Mapping[Pair, Observations]) -> float:
-    """Root mean square of the pairs' systematic ratios, without outliers."""
-    ratios = [
-        systematic_ratio(residuals(rig, p, o), o, rig.projectors[p[1]].size)
-        for p, o in agreeing(rig, seen).items()
-    ]
-    return float(np.sqrt(np.mean(np.square(ratios))))
-
-
-def agreeing(
-    rig: RigGeometry, seen: Mapping[Pair, Observations], sigmas: float = OUTLIER_SIGMAS
-) -> dict[Pair, Observations]:
-    """Observations without outliers, by the robust sigma of their pair."""
-    kept = {}
-    for pair, some in seen.items():
-        error = normalised_residuals(residuals(rig, pair, some), some)
-        kept[pair] = some.some(error < sigmas * max(robust_sigma_2d(error), 1.0))
-    return kept

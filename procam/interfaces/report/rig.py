@@ -1,4 +1,7 @@
-"""Sections on the rig: coverage, directions, responses, levels, feedback and albedo."""
+"""Sections on the rig: coverage, directions, responses, levels, feedback and albedo.
+
+The module is longer than 300 lines because each section is one part of that one rig.
+"""
 
 from collections.abc import Iterator
 
@@ -28,13 +31,14 @@ from procam.maths.geometry.sphere import angle_between
 from procam.model.calibration import Calibration
 from procam.model.photometry import PRIMARIES
 from procam.model.quality import Figure
-from procam.model.screen import Dome
+from procam.model.screen import Dome, RoomScreen, Screen
 from procam.model.transport import Measured
 
 FINEST = " A 4K dome picture has pixels of 2.6 arcmin."
 ALBEDO = "computed from m and the floor's albedo, and compensation does not depend on it"
 ROOM_ALBEDO = "what the walls scatter, over all that arrives at them by their shapes"
 COUNT_WORDS = ("none", "one", "two", "three", "four or more")
+SPHERE = "of an exact sphere ", "the dome is not a sphere"
 
 
 def coverage(material: Material) -> Iterator[Block]:
@@ -126,27 +130,31 @@ def _geometry(calibration: Calibration) -> Iterator[Block]:
             f"The model of cameras, projectors and screen fits {number(residual.samples)} observations "
             f"to {number(_mean(residual))} projector pixels (root mean square)."
         )
-    sphere = calibration.quality.get("sphere_variance_ratio")
-    if sphere is not None and not isinstance(calibration.screen, Dome):
-        fits = "has the dimensions" if sphere.passed else "does not quite have the dimensions"
+    misfit = calibration.quality.get("sphere_variance_ratio")
+    if misfit is not None:
+        dome = isinstance(calibration.screen, Dome)
+        what, limit = ("", "something is not as stated") if not dome else SPHERE
         yield Text(
-            f"The room {fits} that venue.toml states. Residuals vary {_mean(sphere):.2f} times as much as "
-            "the cameras' noise explains (1 is perfect; above 2.25 something is not as stated)."
+            f"{_verdict(calibration.screen, bool(misfit.passed))}. The residuals {what}vary "
+            f"{_mean(misfit):.2f} times as much as the cameras' noise explains "
+            f"(1 is perfect; above 2.25 {limit})."
         )
-    elif sphere is not None:
-        verdict = "The dome is a sphere, as far as the cameras can measure"
-        if not sphere.passed:
-            solved = calibration.screen.shape.degree
-            verdict = (
-                f"The dome is NOT a sphere; its shape was solved up to harmonics of degree {solved}"
-                if solved
-                else "The pictures do not fit a sphere, and a smooth deformation does not explain it; "
-                "the standard errors of directions include that"
-            )
-        yield Text(
-            f"{verdict}. The residuals of an exact sphere vary {_mean(sphere):.2f} times as much as "
-            "the cameras' noise explains (1 is perfect; above 2.25 the dome is not a sphere)."
-        )
+
+
+def _verdict(screen: Screen, passed: bool) -> str:
+    """Whether the screen has the shape that venue.toml states."""
+    if isinstance(screen, RoomScreen) and passed and screen.moved:
+        return "Walls are not quite where venue.toml has them; their places were solved"
+    if isinstance(screen, RoomScreen):
+        return f"The room {'has' if passed else 'does not quite have'} the dimensions of venue.toml"
+    if passed:
+        return "The dome is a sphere, as far as the cameras can measure"
+    if degree := screen.shape.degree:
+        return f"The dome is NOT a sphere; its shape was solved up to harmonics of degree {degree}"
+    note = (
+        "a smooth deformation does not explain it; the standard errors of directions include that"
+    )
+    return f"The pictures do not fit a sphere, and {note}"
 
 
 def _mean(figure: Figure) -> float:

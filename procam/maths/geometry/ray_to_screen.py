@@ -11,6 +11,7 @@ from procam.maths.geometry.harmonics import harmonic_count, harmonics
 from procam.maths.geometry.sphere import intersect_sphere
 
 LOWEST_DEGREE = 2  # degree 0 is the radius, degree 1 a shift of the centre
+HARMONIC_PRIOR = 3e-4  # of the radius, per coefficient: domes are built to a centimetre
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +34,11 @@ class RoundShape:
     def is_sphere(self) -> bool:
         """Whether the surface is an exact sphere."""
         return not self.degree
+
+    @property
+    def coefficient_sigmas(self) -> Array:
+        """Prior standard deviations (K,) of the coefficients; 0 for fixed ones."""
+        return np.full(self.harmonic_coefficients.size, HARMONIC_PRIOR)
 
     def harmonics_at(self, direction: Array) -> tuple[Array, Array]:
         """Harmonics (N, K) and their gradients (N, K, 3) in unit directions (N, 3)."""

@@ -247,3 +247,13 @@ def _embree_scene(vertices: Array, faces: Faces) -> Any:
     scene = EmbreeScene(robust=True)
     TriangleMesh(scene, vertices.astype(np.float32), faces.astype(np.int32))
     return scene
+
+
+def weights_of_corners(corner: Array, points: Array) -> Array:
+    """Weights (N, 3) of corners (N, 3, 3) at points (N, 3), as projected on their planes."""
+    a, b, c = np.moveaxis(corner, 1, 0)
+    normal = np.cross(b - a, c - a)
+    normal /= np.einsum("ni,ni->n", normal, normal)[:, None]
+    v = np.einsum("ni,ni->n", np.cross(points - a, c - a), normal)
+    w = np.einsum("ni,ni->n", np.cross(b - a, points - a), normal)
+    return np.stack([1 - v - w, v, w], axis=1)

@@ -6,6 +6,7 @@ import numpy as np
 
 from procam.arrays import Array, BoolArray, FloatArray, IndexArray
 from procam.maths.mesh.canvas import MeshCanvas, mesh_canvas, recovery_of
+from procam.maths.mesh.raycast import weights_of_corners
 from procam.maths.mesh.rooms import Room
 from procam.maths.mesh.shape import MeshShape
 
@@ -87,7 +88,7 @@ class RoomCanvas:
             hit = met.faces >= 0
             corner = self._room.vertices[self._room.faces[met.faces[hit]]] / self._shape.radius_m
             face[some] = met.faces
-            share[some][hit] = _weights_of_corners(corner, met.points[hit])
+            share[some][hit] = weights_of_corners(corner, met.points[hit])
         return face.reshape(direction.shape[:-1]), share.reshape(direction.shape)
 
     @cached_property
@@ -98,13 +99,3 @@ class RoomCanvas:
     def lit_faces(self) -> IndexArray:
         """Faces that lie on the canvas."""
         return np.flatnonzero(np.isfinite(self._places[self._room.faces]).all(axis=(1, 2)))
-
-
-def _weights_of_corners(corner: Array, points: Array) -> Array:
-    """Weights (N, 3) of corners (N, 3, 3) at points (N, 3), as projected on their planes."""
-    a, b, c = np.moveaxis(corner, 1, 0)
-    normal = np.cross(b - a, c - a)
-    normal /= np.einsum("ni,ni->n", normal, normal)[:, None]
-    v = np.einsum("ni,ni->n", np.cross(points - a, c - a), normal)
-    w = np.einsum("ni,ni->n", np.cross(b - a, points - a), normal)
-    return np.stack([1 - v - w, v, w], axis=1)

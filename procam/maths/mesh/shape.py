@@ -1,35 +1,79 @@
 """A triangle mesh as a screen for the bundle adjustment, with the interface of `RoundShape`."""
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 
 import numpy as np
 
-from procam.arrays import Array
+from procam.arrays import Array, IndexArray
 from procam.errors import InputError
 from procam.kernels import ShapeDerivatives
 from procam.maths.geometry.ray_to_screen import RoundShape
 from procam.maths.mesh.facets import Faces
-from procam.maths.mesh.raycast import Hits, MeshTracer
+from procam.maths.mesh.raycast import Hits, MeshTracer, weights_of_corners
+from procam.maths.mesh.wall_moves import WallMoves
+
+NOTHING = MappingProxyType[int, str]({})
+DRAWN_M = (
+    0.02  # standard deviation of walls from the drawing that they were built by, rms over a wall
+)
+
+
+class MovedMesh:
+    """A mesh (V, 3), (F, 3) whose parts may move; the tracer of the last moves is kept."""
+
+    def __init__(
+        self, vertices: Array, faces: Faces, smooth: bool, moves: WallMoves | None = None
+    ) -> None:
+        self.vertices, self.faces, self.smooth, self.moves = vertices, faces, smooth, moves
+        self._kept: tuple[bytes, MeshTracer] | None = None
+
+    def moved_vertices(self, amount: Array) -> Array:
+        """The vertices (V, 3) after moves (K,)."""
+        if self.moves is None:
+            return self.vertices
+        return self.vertices + np.tensordot(amount, self.moves.fields, 1)
+
+    def tracer(self, amount: Array) -> MeshTracer:
+        """Traces rays against the mesh after moves (K,)."""
+        key = amount.tobytes()
+        if self._kept is None or self._kept[0] != key:
+            vertices = self.moved_vertices(amount)
+            self._kept = key, MeshTracer(vertices, self.faces, smooth=self.smooth)
+        return self._kept[1]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeshShape(RoundShape):
     """A surface |x| = radius (1 + w(x/|x|)), whose height w over the sphere is that of a mesh.
 
-    To the solver w is a single harmonic with coefficient 1. The origin must see every point of the
-    mesh, as in rooms, drums and domes.
+    To the solver w is a harmonic with coefficient 1, plus one for each way in which walls move. The origin
+    must see every point of the mesh, as in rooms, drums and domes.
 
     Attributes
     ----------
     radius_m : of the sphere around the mesh [m]; the mesh scales with it.
-    tracer : of the mesh in units of that radius.
+    mesh : in units of that radius. part : (F,) number of each face's part.
+    free : names of parts that may move, by number.
+    harmonic_coefficients : (1 + K,) 1, then the displacements [radius] of walls that are solved for.
     """
 
-    tracer: MeshTracer
+    mesh: MovedMesh
+    part: IndexArray
+    free: Mapping[int, str]
     harmonic_coefficients: Array = field(default_factory=lambda: np.ones(1))
 
     @classmethod
-    def of(cls, vertices: Array, faces: Faces, *, smooth: bool = False) -> "MeshShape":
+    def of(
+        cls,
+        vertices: Array,
+        faces: Faces,
+        *,
+        smooth: bool = False,
+        part: IndexArray | None = None,
+        free: Mapping[int, str] = NOTHING,
+    ) -> "MeshShape":
         """The shape of a mesh (V, 3) [m], (F, 3), counter-clockwise seen from the origin.
 
         Raises
@@ -45,15 +89,56 @@ class MeshShape(RoundShape):
                 "behind, but must see all of them. Move the dome frame's origin to the middle of the room."
             )
         radius_m = float(np.linalg.norm(vertices, axis=1).max())
-        return cls(radius_m=radius_m, tracer=MeshTracer(vertices / radius_m, faces, smooth=smooth))
+        return cls(
+            radius_m=radius_m,
+            mesh=MovedMesh(vertices / radius_m, faces, smooth),
+            part=np.zeros(len(faces), np.intp) if part is None else part,
+            free=free,
+        )
 
     @property
     def is_sphere(self) -> bool:
         """Whether the surface is an exact sphere."""
         return False
 
+    @property
+    def coefficient_sigmas(self) -> Array:
+        """Prior standard deviations (1 + K,): the mesh is what it is, and walls are near their drawing."""
+        return np.r_[0.0, np.full(self.moves.size, DRAWN_M / self.radius_m)]
+
+    @property
+    def moves(self) -> Array:
+        """Displacements (K,) [radius] of the walls."""
+        return self.harmonic_coefficients[1:]
+
+    @property
+    def tracer(self) -> MeshTracer:
+        """Of the mesh as it is now, in units of the radius."""
+        return self.mesh.tracer(self.moves)
+
+    def moved_parts(self) -> dict[str, Array]:
+        """How the walls moved: the seven numbers of `maths.mesh.wall_moves`, in metres, by name."""
+        if self.mesh.moves is None:
+            return {}
+        metres = np.r_[np.full(4, self.radius_m), np.ones(3)]
+        return {
+            name: self.moves[own] @ self.mesh.moves.numbers[own] * metres
+            for part, name in self.free.items()
+            if (own := self.mesh.moves.part == part).any()
+        }
+
+    def with_free_walls(self) -> "MeshShape":
+        """The shape whose free parts the solver may move; itself if there are none."""
+        if not self.free:
+            return self
+        mesh = self.mesh
+        moves = WallMoves.of(mesh.vertices, mesh.faces, self.part, list(self.free))
+        coefficients = np.r_[1.0, np.zeros(len(moves.part))]
+        mesh = MovedMesh(mesh.vertices, mesh.faces, mesh.smooth, moves)
+        return replace(self, mesh=mesh, harmonic_coefficients=coefficients)
+
     def harmonics_at(self, direction: Array) -> tuple[Array, Array]:
-        """Height over the sphere (N, 1) and its gradients (N, 1, 3) in unit directions (N, 3)."""
+        """Height over the sphere (N, 1 + K) and its gradients (N, 1 + K, 3) in unit directions (N, 3)."""
         _, values, slopes = self._derivatives(self.tracer.first_hits(np.zeros(3), direction))
         return values, slopes
 
@@ -61,11 +146,37 @@ class MeshShape(RoundShape):
         """Height and gradient of the mesh where rays (N, 3) meet it; NaN where they miss."""
         return self._derivatives(self.tracer.first_hits(origin / self.radius_m, direction))
 
-    @staticmethod
-    def _derivatives(hits: Hits) -> ShapeDerivatives:
-        """Height of the faces that were hit over the unit sphere: r(u) = (p.n) / (u.n)."""
+    def drawn(self, points: Array) -> Array:
+        """Where the drawing has points (N, 3) [m] of the moved walls."""
+        if not self.moves.any():
+            return points
+        hits = self.tracer.first_hits(np.zeros(3), points)
+        return points - self.radius_m * np.einsum("nki,k->ni", self._moved(hits), self.moves)
+
+    def moved_at(self, points: Array) -> Array:
+        """Displacements (N, K, 3) [m] of points (N, 3) [m] by each move of 1 radius."""
+        return self.radius_m * self._moved(self.tracer.first_hits(np.zeros(3), points))
+
+    def _derivatives(self, hits: Hits) -> ShapeDerivatives:
+        """Height of the faces that were hit over the unit sphere: r(u) = (p.n) / (u.n).
+
+        The mesh's own is what is left of it after those of the moves, so that the sum is exact.
+        """
         distance = np.linalg.norm(hits.points, axis=1, keepdims=True)
         start = hits.points / distance
         depth = np.sum(hits.points * hits.normals, axis=1, keepdims=True)
-        slopes = -(distance**2) * hits.normals / depth
-        return ShapeDerivatives(start, distance - 1, slopes[:, None])
+        across = -(distance**2) * hits.normals / depth
+        lifts = np.einsum("nki,ni->nk", self._moved(hits), hits.normals) * distance / depth
+        values = np.c_[distance - 1 - (lifts @ self.moves)[:, None], lifts]
+        slopes = np.zeros((*values.shape, 3))
+        slopes[:, 0] = across
+        return ShapeDerivatives(start, values, slopes)
+
+    def _moved(self, hits: Hits) -> Array:
+        """Displacements (N, K, 3) of points that were hit, by each move; NaN where rays missed."""
+        if self.mesh.moves is None:
+            return np.zeros((len(hits.points), 0, 3))
+        corner = self.mesh.faces[hits.faces]
+        vertices = self.mesh.moved_vertices(self.moves)
+        share = weights_of_corners(vertices[corner], hits.points)
+        return np.einsum("nc,kncj->nkj", share, self.mesh.moves.fields[:, corner])

@@ -10,6 +10,7 @@ from procam.estimate.geometry.fiducials import with_camera_errors
 from procam.estimate.geometry.model import Observations, Pair
 from procam.estimate.geometry.solve import MAX_SPHERE_RATIO, GeometrySolution, solve_geometry
 from procam.estimate.geometry.start import MIN_OBSERVATIONS, ProjectorPrior
+from procam.estimate.geometry.walls import MovedWall, moved_walls
 from procam.files.venue.load import Venue
 from procam.files.venue.tables import DomeTable
 from procam.model.optics import Fiducial
@@ -20,6 +21,7 @@ from procam.workflows.solve.apriltags import known_distances
 # pulls directions by more than is stated (1.5 times at 4 %, with one camera). Misfits make 3.1 % in one
 # of 100 drawn rooms
 PRIOR_SIGMAS, REFUSED_SIGMAS = 2.0, 7.0
+NOTED_M, NOTED_SIGMAS = 0.005, 2.0  # of a wall that is not where it was drawn
 
 
 def rig_problem(
@@ -61,6 +63,7 @@ def solve_rig(problem: RigProblem) -> tuple[GeometrySolution, str, list[Note]]:
     notes += fiducial_notes(found.rig, marks, rough=rough)
     verdict, guilty = _verdict(found), find_causes(problem, found)
     causes = guilty or ([verdict] if rough else [])
+    notes += _wall_notes(moved_walls(found.rig, found.covariance))
     notes += [*_lens_notes(problem, found), *(Note("misfit", "", cause) for cause in causes)]
     return found, verdict, notes
 
@@ -89,7 +92,30 @@ def _lens_notes(problem: RigProblem, found: GeometrySolution) -> list[Note]:
     return notes
 
 
-def _verdict_on_room(systematic_ratio: float, ratio: str) -> str:
+def _wall_notes(walls: Sequence[MovedWall]) -> list[Note]:
+    """Walls that are so far from where venue.toml has them that its dimensions are worth correcting."""
+    return [
+        Note(
+            "wall off",
+            f"wall {wall.name}",
+            f"it is {1e3 * abs(wall.outwards_m):.0f} +- {1e3 * wall.sigma_m:.0f} mm further "
+            f"{'out' if wall.outwards_m > 0 else 'in'} than venue.toml says, and up to "
+            f"{1e3 * wall.most_m:.0f} mm at its edges. The calibration has it where it is; measure it, and "
+            "correct [screen] if the difference is large",
+            wall.most_m / NOTED_M,
+        )
+        for wall in walls
+        if wall.most_m > max(NOTED_M, NOTED_SIGMAS * wall.sigma_m)
+    ]
+
+
+def _verdict_on_room(systematic_ratio: float, ratio: str, walls: Sequence[MovedWall]) -> str:
+    if systematic_ratio < MAX_SPHERE_RATIO and walls:
+        worst = max(walls, key=lambda wall: wall.most_m)
+        return (
+            f"walls are not quite where venue.toml has them, {worst.name} most "
+            f"({1e3 * worst.most_m:.0f} mm); their places were solved {ratio}"
+        )
     if systematic_ratio < MAX_SPHERE_RATIO:
         return f"the room has the dimensions of venue.toml {ratio}"
     return (
@@ -101,7 +127,8 @@ def _verdict_on_room(systematic_ratio: float, ratio: str) -> str:
 def _verdict(found: GeometrySolution) -> str:
     ratio = f"(ratio {found.sphere_systematic_ratio**2:.1f})"
     if not (found.rig.shape.is_sphere or found.rig.shape.degree):
-        return _verdict_on_room(found.sphere_systematic_ratio, ratio)
+        walls = moved_walls(found.rig, found.covariance)
+        return _verdict_on_room(found.sphere_systematic_ratio, ratio, walls)
     if found.sphere_systematic_ratio < MAX_SPHERE_RATIO:
         return f"the dome is a sphere {ratio}"
     degree, alone = found.rig.shape.degree, len(found.rig.cameras) == 1

@@ -1,7 +1,7 @@
 """Rooms in calibration.json: what is damaged is refused, whatever stands there."""
 
 import json
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import pytest
 
@@ -17,6 +17,13 @@ def test_a_room_is_read_as_it_was_written() -> None:
     assert screen(ENTRY) == ROOM
 
 
+def test_walls_that_moved_are_read_as_they_were_written() -> None:
+    moved = replace(ROOM, moved=(("wall", (0.01, 0.0, 0.002, 0.0, 0.0, -0.001, 0.0)),))
+    assert screen(json.loads(json.dumps(asdict(moved)))) == moved
+    before = {key: value for key, value in ENTRY.items() if key != "moved"}
+    assert screen(before) == ROOM  # of files that were written before walls could move
+
+
 def test_without_a_kind_it_is_a_dome() -> None:
     assert isinstance(screen(asdict(Dome(6.0, 1.5))), Dome)
 
@@ -25,6 +32,8 @@ def test_without_a_kind_it_is_a_dome() -> None:
     {"size": [1e9, 120, 3]}, {"size": [5, 7, 3]}, {"size": [5, 120]}, {"size": [5, 120, None]},
     {"kind": "box"}, {"kind": "sphere"}, {"kind": 3}, {"lit": []}, {"lit": None}, {"lit": ["roof"]},
     {"others": []}, {"others": [["floor"]]}, {"others": [["floor", 2, 0]]}, {"others": 7},
+    {"moved": 7}, {"moved": [["wall", [0.1]]]}, {"moved": [["roof", [0.0] * 7]]},
+    {"moved": [["wall", [9.0] * 7]]}, {"moved": [["wall", [None] * 7]]},
 ], ids=str)  # fmt: skip
 def test_damage_is_refused(change: dict[str, object]) -> None:
     with pytest.raises((ValueError, TypeError, LookupError, InputError)):

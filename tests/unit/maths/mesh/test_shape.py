@@ -1,13 +1,19 @@
 """A mesh as the screen of the bundle adjustment."""
 
+from dataclasses import replace
+
 import mesh_shapes
 import numpy as np
 import pytest
 
 from procam.errors import InputError
+from procam.kernels.bundle.reference import on_screen
 from procam.maths.geometry.ray_to_screen import RoundShape
 from procam.maths.geometry.sphere import normalise
+from procam.maths.mesh.raycast import MeshTracer, weights_of_corners
+from procam.maths.mesh.rooms import planned_room
 from procam.maths.mesh.shape import MeshShape
+from procam.model.screen import RoomScreen
 
 
 def test_a_mesh_that_the_origin_does_not_see_is_refused() -> None:
@@ -42,3 +48,61 @@ class TestHemisphere:
         down = np.array([[0.0, 0.6, -0.8]])
         assert np.isnan(self.mesh.intersect(np.zeros((1, 3)), down)).all()
         assert np.isnan(self.mesh.radius_at(down)).all()
+
+
+class TestMovedWalls:
+    """A box whose walls are not where they were drawn."""
+
+    room = planned_room("box", (6.0, 5.0, 3.0), ("front", "left", "floor"), 600)
+    drawn = MeshShape.of(
+        room.vertices, room.faces, part=room.part, free={0: "left", 1: "front", 4: "floor"}
+    )
+
+    def _moved(self) -> MeshShape:
+        shape = self.drawn.with_free_walls()
+        moves = np.random.default_rng(2).normal(0, 0.004, shape.moves.size)
+        return replace(shape, harmonic_coefficients=np.r_[1.0, moves])
+
+    def _rays(self) -> tuple[np.ndarray, np.ndarray]:
+        rng = np.random.default_rng(4)
+        return rng.normal(0, 0.4, (400, 3)), normalise(rng.normal(size=(400, 3)))
+
+    def test_rays_meet_the_moved_mesh(self) -> None:
+        moved, (origin, direction) = self._moved(), self._rays()
+        vertices = moved.mesh.moved_vertices(moved.moves) * moved.radius_m
+        exact = MeshTracer(vertices, self.room.faces).intersect(origin, direction)
+        np.testing.assert_allclose(moved.intersect(origin, direction), exact, atol=1e-9)
+        assert np.abs(exact - self.drawn.intersect(origin, direction)).max() > 0.01
+
+    def test_derivatives_extrapolate_to_other_moves(self) -> None:
+        moved, (origin, direction) = self._moved(), self._rays()
+        step = np.random.default_rng(3).normal(0, 1e-4, moved.moves.size)
+        coefficients = moved.harmonic_coefficients + np.r_[0.0, step]
+        further = replace(moved, harmonic_coefficients=coefficients)
+        known = moved.shape_derivatives(origin, direction)
+        linear = on_screen(origin, direction, moved.radius_m, coefficients, known).point
+        error = np.linalg.norm(linear - further.intersect(origin, direction), axis=1)
+        travel = np.linalg.norm(linear - moved.intersect(origin, direction), axis=1)
+        assert np.quantile(travel, 0.8) > 3e-4  # of rays that meet one of the three walls
+        assert np.quantile(error, 0.9) < 0.01 * np.quantile(travel, 0.8)
+
+    def test_a_moved_point_is_drawn_where_it_was(self) -> None:
+        moved, (_, direction) = self._moved(), self._rays()
+        point = self.drawn.intersect(np.zeros((1, 3)), direction)
+        hits = self.drawn.tracer.first_hits(np.zeros(3), direction)
+        corner = self.room.faces[hits.faces]
+        share = weights_of_corners(self.room.vertices[corner], point)
+        vertices = moved.mesh.moved_vertices(moved.moves) * moved.radius_m
+        there = np.einsum("nk,nki->ni", share, vertices[corner])
+        np.testing.assert_allclose(moved.drawn(there), point, atol=2e-5)
+
+    def test_a_screen_has_the_walls_that_were_solved(self) -> None:
+        moved = self._moved()
+        screen = RoomScreen("box", (6.0, 5.0, 3.0), ("front", "left", "floor")).solved(moved)
+        direction = self._rays()[1]
+        np.testing.assert_allclose(
+            screen.shape.intersect(np.zeros((1, 3)), direction),
+            moved.intersect(np.zeros((1, 3)), direction),
+            atol=1e-3,  # its mesh is finer, and so are the faces beside edges
+        )
+        assert RoomScreen("box", (6.0, 5.0, 3.0), ("front",)).solved(self.drawn).moved == ()
