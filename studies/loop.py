@@ -17,11 +17,10 @@ from numpy.typing import NDArray
 from procam.estimate.closed_loop.patches import (
     LoopObservation,
     LoopState,
-    PatchScatter,
     photographs_needed,
-    remove_scatter,
     residual_jnd,
 )
+from procam.estimate.closed_loop.scatter import PatchScatter, remove_scatter
 from studies.measure import write
 
 Array = NDArray[np.float64]

@@ -5,8 +5,9 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from procam.estimate.closed_loop import dome
-from procam.estimate.closed_loop.dome import DomeLoop, LoopCells
+from procam.estimate.closed_loop import picture_loop
+from procam.estimate.closed_loop.picture_loop import LoopCells, PictureLoop
+from procam.maths.geometry.canvas import STANDARD
 from procam.maths.geometry.sphere import master_directions, master_pixels, master_solid_angles
 from procam.maths.warp import sample
 from procam.model.calibration import Calibration
@@ -19,7 +20,7 @@ SIZE = 128
 @pytest.fixture(scope="module", autouse=True)
 def few_cells() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(dome, "LOOP_SIZE", LOOP_SIZE)
+        patch.setattr(picture_loop, "LOOP_SIZE", LOOP_SIZE)
         yield
 
 
@@ -27,7 +28,7 @@ def few_cells() -> Iterator[None]:
 def cells(few_cells: None) -> LoopCells:
     """A camera whose pixels are a dome master twice as fine as the loop's cells."""
     direction, inside = master_directions(2 * LOOP_SIZE)
-    return LoopCells.of(direction.astype(np.float32), inside & (direction[..., 2] > 0.02))
+    return LoopCells.of(STANDARD, direction.astype(np.float32), inside & (direction[..., 2] > 0.02))
 
 
 @pytest.fixture
@@ -40,8 +41,8 @@ def direct(calibration: Calibration) -> Image:
 
 
 @pytest.fixture
-def loop(calibration: Calibration, cells: LoopCells, direct: Image) -> DomeLoop:
-    return DomeLoop(calibration, cells, direct, observed(calibration, direct))
+def loop(calibration: Calibration, cells: LoopCells, direct: Image) -> PictureLoop:
+    return PictureLoop(calibration, cells, direct, observed(calibration, direct))
 
 
 def observed(calibration: Calibration, direct: Image) -> Image:

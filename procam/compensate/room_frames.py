@@ -13,7 +13,7 @@ from procam.compensate.room import RoomCompensator, RoomPicture
 from procam.compensate.solved_frame import Certificate, SolvedFrame
 from procam.errors import InputError, ShapeError
 from procam.maths.light.transfer import Transfer, transfer
-from procam.maths.warp import reduced_to, sample
+from procam.maths.warp import pixel_places, reduced_to, sample
 from procam.model.calibration import Calibration
 from procam.model.screen import RoomScreen
 
@@ -34,14 +34,11 @@ class RoomMaps:
     @classmethod
     def of(cls, calibration: Calibration, screen: RoomScreen, size: int) -> "RoomMaps":
         """Maps for content of that width."""
-        maps, (rows, columns) = calibration.maps, screen.canvas.shape(size)
-        height, width = maps.coverage.shape
-        x, y = np.meshgrid(np.arange(columns), np.arange(rows))
-        place = np.stack([(x + 0.5) * width / columns, (y + 0.5) * height / rows], axis=-1) - 0.5
+        maps, shape = calibration.maps, screen.canvas.shape(size)
+        place = pixel_places(shape, maps.coverage.shape)
         planes = (maps.albedo, maps.lo, maps.hi, maps.coverage)
-        if (height, width) != (rows, columns):
-            edge = np.clip(place, 0, [width - 1, height - 1])
-            planes = tuple(sample(plane, edge) for plane in planes)  # type: ignore[assignment]
+        if maps.coverage.shape != shape:
+            planes = tuple(sample(plane, place) for plane in planes)  # type: ignore[assignment]
         return cls(*planes, maps.is_protected(place))
 
 

@@ -1,8 +1,8 @@
 """Puts a projector that was measured anew into a calibration, of which all else stays.
 
-The content's unit, the dome's scattered light, the cameras and all other projectors stay to the last bit. New
+The content's unit, the scattered light, the cameras and all other projectors stay to the last bit. New
 are the projector itself, the blend weights where it overlaps others, before or now, and the maps of what full
-white and black put on the dome there.
+white and black put on the screen there.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,7 +17,6 @@ from procam.estimate.light.blend import Blender
 from procam.estimate.light.calibrated_projector import Placed, unblended_projector
 from procam.estimate.light.full_white import FullWhite, black_light
 from procam.estimate.light.measurement import ProjectorMeasurement
-from procam.maths.geometry.sphere import master_directions
 from procam.model.calibration import Calibration, ProjectorCalibration
 from procam.model.mask import Nudge
 from procam.model.provenance import Provenance
@@ -43,14 +42,18 @@ def with_projector(
     provenance : of the new calibration.
     """
     _, measured = before_and_now
-    dome, matrix, size = calibration.screen, calibration.content_from_camera, calibration.maps.size
-    placed = Placed.of(geometry, dome, view, nudges, [measured])
+    screen, matrix, size = (
+        calibration.screen,
+        calibration.content_from_camera,
+        calibration.maps.size,
+    )
+    placed = Placed.of(geometry, screen, view, nudges, [measured])
     new = unblended_projector(placed, name, measured, matrix)
-    blacks = [black_light(each, view, dome, matrix, size) for each in before_and_now]
+    blacks = [black_light(each, view, screen, matrix, size) for each in before_and_now]
     projectors = {**calibration.projectors, name: _with_shared_error(calibration, name, new)}
     return replace(
         calibration,
-        projectors=Blender(projectors, dome).blended(),
+        projectors=Blender(projectors, screen).blended(),
         maps=_maps(calibration, projectors, name, blacks[1] - blacks[0]),
         provenance=provenance,
     )
@@ -72,10 +75,10 @@ def _maps(
     added: Image,
 ) -> ScreenMaps:
     """Maps of full white and black, and the coverage, new where a projector lights, or lit before."""
-    maps, dome = calibration.maps, calibration.screen
-    new = FullWhite(projectors, dome, maps.size)
-    direction = master_directions(maps.size)[0].astype(np.float32)
-    before = Blender(calibration.projectors, dome).weights(direction)[name]
+    maps, screen = calibration.maps, calibration.screen
+    new = FullWhite(projectors, screen, maps.size)
+    direction = screen.canvas.directions(maps.size)[0].astype(np.float32)
+    before = Blender(calibration.projectors, screen).weights(direction)[name]
     affected = (new.weights[name] > 0) | (before > 0)
     coverage = np.where(affected, new.coverage, maps.coverage)
     lo = np.maximum(maps.lo + added, 0) * (coverage > 0)[..., None]

@@ -131,3 +131,15 @@ def local_median(image: FloatArray, mask: BoolArray) -> Image:
     sides = np.where(checkers, np.float32(1e9), np.float32(-1e9))
     filled = np.where(mask, image, sides).astype(np.float32)
     return np.asarray(cv2.medianBlur(filled, 5), np.float32)
+
+
+def pixel_places(shape: tuple[int, ...], other: tuple[int, ...]) -> Array:
+    """Places (H, W, 2) as (column, row) [px], in a picture of another shape, of the pixels of one of a shape.
+
+    Both show the same; places beside the outermost pixels' centres are moved to these.
+    """
+    rows, columns = shape[:2]
+    x, y = np.meshgrid(np.arange(columns), np.arange(rows))
+    share = np.stack([(x + 0.5) / columns, (y + 0.5) / rows], axis=-1)
+    last = np.array(other[1::-1])
+    return np.asarray(np.clip(share * last - 0.5, 0, last - 1))

@@ -186,7 +186,7 @@ class RoomScreen:
         rows, columns = self.canvas.shape(NAMED)
         x, y = self.canvas.pixels(normalise(direction), NAMED) + 0.5
         across, down = x * width_m / columns, y * height_m / rows
-        return f"{across:.1f} m from the left and {down:.1f} m from the top"
+        return f"{across:.1f} m from the left and {down:.1f} m from the top of the canvas"
 
     def measure(self, points: Array) -> Array:
         """Points (..., 3) as areas are counted, in [m^2]: as they are."""

@@ -12,7 +12,7 @@ from procam.files.venue.load import Venue
 from procam.files.venue.masks import camera_masks, screen_mask
 from procam.model.calibration import Calibration
 from procam.model.optics import CameraModel
-from procam.model.screen import Screen
+from procam.model.screen import ContentCanvas, Screen
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,19 +23,21 @@ class MainCamera:
     ----------
     radiometer : makes radiance of its photographs.
     view : of the screen, without the manual masks.
-    content_matrix : (3, 3) from its channels to content channels.
+    content_matrix : (3, 3) from its channels to content channels. canvas : of the calibration's maps.
     """
 
     radiometer: Radiometer
     view: ScreenView
     content_matrix: Image
+    canvas: ContentCanvas
 
     @classmethod
     def of(cls, venue: Venue, calibration: Calibration) -> "MainCamera":
         """The main camera of a venue's calibration."""
         radiometer = light_radiometer(calibration.camera)
         view = screen_view(venue, calibration.screen, radiometer)
-        return cls(radiometer, view, calibration.content_from_camera.astype(np.float32))
+        content_matrix = calibration.content_from_camera.astype(np.float32)
+        return cls(radiometer, view, content_matrix, calibration.screen.canvas)
 
     @property
     def name(self) -> str:

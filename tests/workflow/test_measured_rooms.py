@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tomlkit
+from edited_files import rewritten
 from scipy.ndimage import binary_erosion
 from tiny_venue import refused
 from typer.testing import CliRunner
@@ -13,9 +14,12 @@ from typer.testing import CliRunner
 from procam.arrays import Array, Image
 from procam.compensate.any_screen import compensator_for
 from procam.compensate.projector_frames import projector_frames
-from procam.files.calibration import load_calibration
+from procam.estimate.closed_loop.picture_loop import LOOP_SIZE
+from procam.estimate.closed_loop.refined import with_gains
+from procam.files.calibration import load_calibration, save_calibration
 from procam.files.images.stills import read_picture
 from procam.files.venue.load import load_venue
+from procam.files.versions import calibration_in_use, use_calibration
 from procam.interfaces.cli.main import app
 from procam.model.calibration import Calibration
 from procam.workflows.comparison import compare
@@ -128,22 +132,25 @@ def lit_albedo(surface: WalledSurface) -> float:
 def test_a_compensated_picture_is_what_was_asked_for(room: Room) -> None:
     """On the simulated walls, all projectors lit, where no limit holds."""
     _, calibration, scene = room
-    walls, maps = OnWalls.of(scene, calibration), calibration.maps
-    size = maps.size
-    content = np.full((*maps.coverage.shape, 3), 0.6, np.float32)
-    inner = binary_erosion(maps.coverage > 0.999, iterations=EDGE_PX)
-    weight = calibration.canvas.weights(size) * inner
-    error = {}
-    for method in ("none", "exact"):
-        picture = compensator_for(calibration)(calibration, size, method).predict(content)
-        direct, scattered = walls.of_frames(projector_frames(picture.direct, calibration))
-        off = (direct + scattered - content)[..., 1]
-        error[method] = float(np.sqrt((weight * off**2).sum() / weight.sum()))
+    walls = OnWalls.of(scene, calibration)
+    error = {method: _off(walls, method) for method in ("none", "exact")}
     if calibration.screen.kind == "box":
         assert error["none"] > 0.2
         assert error["exact"] < 0.04 * error["none"]
     else:  # walls that hardly see each other: what is left is the noise of the light of projectors
         assert error["exact"] < 0.02 < error["none"]
+
+
+def _off(walls: OnWalls, method: str) -> float:
+    """Root mean square error of a grey picture by a method, in green."""
+    calibration, maps = walls.calibration, walls.calibration.maps
+    content = np.full((*maps.coverage.shape, 3), 0.6, np.float32)
+    inner = binary_erosion(maps.coverage > 0.999, iterations=EDGE_PX)
+    weight = calibration.canvas.weights(maps.size) * inner
+    picture = compensator_for(calibration)(calibration, maps.size, method).predict(content)
+    direct, scattered = walls.of_frames(projector_frames(picture.direct, calibration))
+    off = (direct + scattered - content)[..., 1]
+    return float(np.sqrt((weight * off**2).sum() / weight.sum()))
 
 
 def test_pictures_and_projectors_frames_by_the_command_line(room: Room, tmp_path: Path) -> None:
@@ -208,7 +215,48 @@ def test_a_calibration_agrees_with_itself(room: Room) -> None:
     assert compare(calibration, calibration).verdict.sound
 
 
-@pytest.mark.parametrize("command", ["refine", "verify", "state"])
+@pytest.fixture
+def box(room: Room) -> Room:
+    """The box as it is drawn."""
+    screen = room[1].screen
+    if screen.moved or screen.kind != "box":  # type: ignore[union-attr]
+        pytest.skip("one room is enough for minutes of photographs")
+    return room
+
+
+def test_the_loop_finds_gains_that_are_off(box: Room) -> None:
+    folder, calibration, scene = box
+    cells = np.ones((*calibration.canvas.shape(LOOP_SIZE), 3))
+    cells += 0.06 * np.sin(np.linspace(0, 9, LOOP_SIZE))[:, None]  # of brightness, along the walls
+    wrong = with_gains(calibration, cells)
+    save_calibration(wrong, folder / "calibrations" / "0002")
+    done = CliRunner().invoke(app, ["refine", f"{folder}@2"])
+    assert "calibrations/0003 written" in done.output, done.output
+    refined = load_calibration(folder / "calibrations" / "0003")
+    off = [_off(OnWalls.of(scene, each), "exact") for each in (calibration, wrong, refined)]
+    assert off[1] > 3 * off[0]
+    assert off[2] < 0.5 * off[1]
+    use_calibration(folder, folder / "calibrations" / "0001")
+
+
+def test_a_projector_that_moved_is_measured_again(box: Room) -> None:
+    folder, calibration, _ = box
+    name, *_ = calibration.projectors
+    drift = f'drifts = [{{ kind = "turned", size = 0.3, projector = "{name}" }}]'
+    with rewritten(folder / "venue.toml", "^preset = .*", f'preset = "standard"\n{drift}'):
+        scene = build_scene(load_venue(folder).backends["simulated"], folder)
+        done = CliRunner().invoke(app, ["recalibrate", str(folder)])
+    assert done.exit_code == 0, done.output
+    assert f"{name} moved" in done.output
+    used = calibration_in_use(folder)
+    before, after = (
+        _off(OnWalls.of(scene, each), "exact") for each in (calibration, load_calibration(used))
+    )
+    assert after < 0.5 * before
+    use_calibration(folder, folder / "calibrations" / "0001")
+
+
+@pytest.mark.parametrize("command", ["state"])
 def test_what_is_for_domes_only_says_so(room: Room, command: str) -> None:
     folder, _, _ = room
     assert "for domes" in refused(command, folder, *(["full"] if command == "state" else []))

@@ -24,6 +24,7 @@ from procam.generators import result_of
 from procam.maths.geometry.sphere import master_directions
 from procam.model.calibration import Calibration
 from procam.model.frame import Frame
+from procam.model.screen import Dome
 from procam.model.transport import Measured
 from procam.workflows.photographs.driven import DrivenPhotographer
 from procam.workflows.refine import camera as loop_camera
@@ -156,7 +157,7 @@ class TestCommand:
     def test_what_is_unseen_can_be_shown_whatever_the_picture(self, level: float) -> None:
         """Inverted, white would be black everywhere, where nothing can be measured."""
         content = np.full((MASTER, MASTER, 3), level, np.float32)
-        unseen = refining.turned_and_inverted(content)
+        unseen = refining.turned_and_inverted(content, Dome(6.0, 1.5))
         inside = master_directions(MASTER)[1]
         assert unseen[inside].min() >= refining.DIM and (unseen[~inside] == 0).all()
 

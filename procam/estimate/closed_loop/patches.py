@@ -1,4 +1,4 @@
-"""The closed loop on patches of any dome: state update, next picture, stop criteria.
+"""The closed loop on patches of any screen: state update, next picture, stop criteria.
 
 The model is y = N_c (x + d) + noise with N_c = I + c U V^T (docs/theory/closed-loop.md, L1): x is the direct
 light asked for, y what is seen, U V^T the calibrated scatter, c a factor per channel and d the surplus
@@ -16,7 +16,7 @@ import numpy as np
 
 from procam.arrays import Array, BoolArray, IndexArray
 from procam.errors import OutOfModelRange
-from procam.maths.light.box_solver import solve_moments
+from procam.estimate.closed_loop.scatter import Scatter
 
 WHITE_NITS = 14.0  # luminance of white of a bright dome; the brighter, the smaller the JND
 WEBER, BRIGHT_NITS = 0.007, 10.0  # Weber fraction from this luminance on
@@ -47,29 +47,6 @@ def just_noticeable(light: Array) -> Array:
     nits = np.maximum(light * WHITE_NITS, DARK_NITS)
     dark = np.clip(np.log(BRIGHT_NITS / nits) / np.log(BRIGHT_NITS / DARK_NITS), 0, 1)
     return np.asarray(WEBER * (WEBER_DARK / WEBER) ** dark * nits / WHITE_NITS)
-
-
-def remove_scatter(change: Array, free: BoolArray, spread: Array, collect: Array) -> Array:
-    """Change of direct light (n,) on the `free` patches (n,) that changes their total by `change` (n,).
-
-    dx_F = r_F - U_F (I + V_F^T U_F)^-1 V_F^T r_F (docs/theory/closed-loop.md, L2) for scatter U V^T, `spread`
-    and `collect` (n, K). The other patches are held and only reflect. (L3) is the same on a sphere.
-    """
-    system = np.eye(collect.shape[1]) + collect[free].T @ spread[free]
-    moments = np.linalg.solve(system, collect[free].T @ change[free])
-    return np.where(free, change - spread @ moments, 0.0)
-
-
-@dataclass(frozen=True, slots=True)
-class PatchScatter:
-    """Scatter b+ = U V^T b0 of C channels on n patches: U `spread` (C, n, K), V `collect` (n, K)."""
-
-    spread: Array
-    collect: Array
-
-    def of(self, direct: Array) -> Array:
-        """Scattered light (n, C) [rel] of direct light (n, C)."""
-        return np.einsum("cnk,kc->nc", self.spread, self.collect.T @ direct)
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,14 +86,13 @@ class LoopState:
 
     def __init__(
         self,
-        scatter: PatchScatter,
+        scatter: Scatter,
         block: IndexArray,
         scatter_sigma: Array,
         low_pass: Callable[[Array, BoolArray], Array] = lambda light, _: light,
     ) -> None:
-        channels, patches, _ = scatter.spread.shape
-        self.surplus = np.zeros((patches, channels))
-        self.scatter_factor = np.ones(channels)
+        self.surplus = np.zeros((len(block), len(scatter_sigma)))
+        self.scatter_factor = np.ones(len(scatter_sigma))
         self.steps = self._averaged = 0
         self._scatter_sigma = scatter_sigma
         self._scatter, self._block, self._low_pass = scatter, block, low_pass
@@ -144,27 +120,16 @@ class LoopState:
             self.scatter_factor[c] *= 1 + change / (1 + bright)
             self.surplus[:, c] += bright * direct[:, c]
         own = share * self._low_pass(own, known)
-        for c, factor in enumerate(self.scatter_factor):
-            spread = factor * self._scatter.spread[c]
-            self.surplus[:, c] += remove_scatter(
-                own[:, c], known[:, c], spread, self._scatter.collect
-            )
+        self.surplus += self._scatter.removed(own, known, self.scatter_factor)
 
     def step(self, asked: Array, goal: Array, down: Array, up: Array) -> Array:
         """Change (n, C) of the direct light asked for that moves the total nearest to `goal` (n, C).
 
         `down` and `up` (n, C), 0 or more, limit the change. Patches at a limit are held, and the others
         cancel the scatter of their own change (`remove_scatter`). Which patches are held follows from
-        (C2) of docs/theory/compensation.md in the changes, by Newton's method.
+        (C2) of docs/theory/compensation.md in the changes.
         """
-        wanted = goal - self.expected(asked)
-        change = np.empty_like(wanted)
-        for c, factor in enumerate(self.scatter_factor):
-            spread, collect = factor * self._scatter.spread[c], self._scatter.collect
-            limits = -down[:, c], up[:, c]
-            moments = solve_moments(wanted[:, c], spread, collect, *limits)
-            change[:, c] = np.clip(wanted[:, c] - spread @ moments, *limits)
-        return change
+        return self._scatter.limited(goal - self.expected(asked), down, up, self.scatter_factor)
 
     def _share(self, photographs: int) -> float:
         """Share of the patches' own residual that is applied.

@@ -1,8 +1,8 @@
-"""The closed loop on a dome master: from photographs of a picture to a better picture and calibration.
+"""The closed loop on the canvas: from photographs of a picture to a better picture and calibration.
 
-Photographs and pictures are averaged over cells of a small dome master (`LoopCells`), on which
-`LoopState` estimates what the calibration did not predict (docs/theory/closed-loop.md). `DomeLoop` keeps the
-correction per cell, interpolates it to the picture between the limits of the projectors, and repeats.
+Photographs and pictures are averaged over cells of a small canvas (`LoopCells`), on which
+`LoopState` estimates what the calibration did not predict (docs/theory/closed-loop.md). `PictureLoop` keeps
+the correction per cell, interpolates it to the picture between the limits of the projectors, and repeats.
 `refined.refined_calibration` turns the estimates into a new calibration.
 """
 
@@ -10,25 +10,20 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter, minimum_filter
+from scipy.ndimage import correlate1d, maximum_filter, minimum_filter
 
 from procam.arrays import Array, BoolArray, Image, IndexArray
 from procam.errors import NotEnoughData
 from procam.estimate.closed_loop.gains import gain_change
-from procam.estimate.closed_loop.patches import (
-    CELL_QUANTILE,
-    LoopObservation,
-    LoopState,
-    PatchScatter,
-)
-from procam.maths.geometry.sphere import master_directions, master_pixels, master_solid_angles
-from procam.maths.light.scatter_kernel import basis
-from procam.maths.warp import block_mean, blur_within, sample
+from procam.estimate.closed_loop.patches import CELL_QUANTILE, LoopObservation, LoopState
+from procam.estimate.closed_loop.screen_scatter import scatter_of
+from procam.maths.geometry.sphere import ARCMIN
+from procam.maths.warp import block_mean, blur_within, pixel_places, sample
 from procam.model.calibration import Calibration
+from procam.model.screen import ContentCanvas, Dome, Screen
 
-LOOP_SIZE = 256
-CELL_ARCMIN = 180 * 60 / LOOP_SIZE
-BLOCK = 32  # cells, 22 degrees: errors of gains further apart are taken as independent
+LOOP_SIZE = 256  # cells along the width of the canvas
+BLOCK = 32  # cells, 22 degrees of a dome: errors of gains further apart are taken as independent
 FREE_SHARE = 0.98  # of a cell that must satisfy a condition
 MAX_GAIN_CHANGE = 0.25  # factor up to 1 + this, down to its inverse
 TINY = 1e-5  # of white, between a value and a limit that it has reached
@@ -39,53 +34,57 @@ JACOBI_STEPS = 6
 
 @dataclass(frozen=True, slots=True)
 class LoopCells:
-    """Assignment of camera pixels to the cells of a small dome master.
+    """Assignment of camera pixels to the cells of a small canvas.
 
-    `index` (K,) is the cell of each camera pixel of `use` (H, W); `count` (N, N) is the number of
-    pixels per cell, `direction` (H, W, 3) that of each camera pixel.
+    `use` (H, W) are the camera's pixels that see the canvas; `index` (K,) is the cell of each. `place`
+    (H, W, 2) is where they look, from the canvas's upper left corner (0, 0) to its lower right (1, 1).
+    `count` (N, M) is the number of pixels per cell.
     """
 
     use: BoolArray
     index: IndexArray
+    place: Image
     count: Array
-    direction: Image
 
     @classmethod
-    def of(cls, direction: Image, on_screen: BoolArray) -> "LoopCells":
+    def of(cls, canvas: ContentCanvas, direction: Image, on_screen: BoolArray) -> "LoopCells":
         """Cells for a camera with pixel directions (H, W, 3) where `on_screen` (H, W)."""
-        seen = direction[on_screen]
-        place = np.rint(master_pixels(seen, LOOP_SIZE)).astype(np.intp)
-        inside = np.all((place >= 0) & (place < LOOP_SIZE), axis=-1)
+        rows, columns = canvas.shape(LOOP_SIZE)
+        where = canvas.pixels(direction[on_screen], LOOP_SIZE)
+        cell = np.rint(where).astype(np.intp)
+        inside = np.all((cell >= 0) & (cell < (columns, rows)), axis=-1)
         use = on_screen.copy()
         use[on_screen] = inside
-        index = place[inside, 1] * LOOP_SIZE + place[inside, 0]
-        count = np.bincount(index, minlength=LOOP_SIZE**2).astype(float)
-        return cls(use, index, count.reshape(LOOP_SIZE, LOOP_SIZE), np.nan_to_num(direction))
+        index = cell[inside, 1] * columns + cell[inside, 0]
+        count = np.bincount(index, minlength=rows * columns).astype(float).reshape(rows, columns)
+        place = np.full((*use.shape, 2), -1, np.float32)
+        place[use] = (where[inside] + 0.5) / (columns, rows)
+        return cls(use, index, place, count)
 
     def average(self, light: Image) -> Array:
-        """Cell means (N, N, C) of a camera picture (H, W, C)."""
+        """Cell means (N, M, C) of a camera picture (H, W, C)."""
         return self._means(light[self.use])
 
-    def average_master(self, master: Image) -> Array:
-        """Cell means (N, N, C) of a dome master, sampled in the directions of the camera's pixels."""
-        where = master_pixels(self.direction, master.shape[0])
-        return self._means(sample(master, where)[self.use])
+    def average_of(self, picture: Image) -> Array:
+        """Cell means (N, M, C) of a picture on the canvas, sampled where the camera's pixels look."""
+        rows, columns = picture.shape[:2]
+        return self._means(sample(picture, self.place * (columns, rows) - 0.5)[self.use])
 
     def _means(self, values: Image) -> Array:
-        sums = [np.bincount(self.index, values[:, c], LOOP_SIZE**2) for c in range(3)]
-        shape = (LOOP_SIZE, LOOP_SIZE, 3)
-        return np.stack(sums, axis=-1).reshape(shape) / np.maximum(self.count, 1)[..., None]
+        sums = [np.bincount(self.index, values[:, c], self.count.size) for c in range(3)]
+        means = np.stack(sums, axis=-1).reshape(*self.count.shape, 3)
+        return means / np.maximum(self.count, 1)[..., None]
 
 
-class DomeLoop:
-    """The closed loop on one picture, over cells of a dome master.
+class PictureLoop:
+    """The closed loop on one picture, over cells of the canvas.
 
     The correction is bilinear between cells, clipped to the limits of each pixel, and low-passed at
     twice the registration error where that exceeds a cell's width.
 
     Parameters
     ----------
-    calibration, cells : the dome, and the camera's cells.
+    calibration, cells : the screen, and the camera's cells.
     direct : (N, N, 3) direct light of the compensated picture [rel].
     target : (N, N, 3) total light that the audience should see [rel].
     find_scatter : estimate the factor of scattered light too, which needs dark cells.
@@ -111,27 +110,27 @@ class DomeLoop:
         target: Image,
         find_scatter: bool = True,
     ) -> None:
-        maps, size = calibration.maps, direct.shape[0]
-        self._cells, self._start = cells, direct
-        where = master_pixels(master_directions(size)[0], maps.size)
+        maps, canvas = calibration.maps, calibration.screen.canvas
+        self._cells, self._start, self._shape = cells, direct, cells.count.shape
+        where = pixel_places(direct.shape, maps.coverage.shape)
         coverage = sample(maps.coverage, where)
         self._coverage = coverage[..., None]
         self._lo = sample(maps.lo, where)
         # hi is multiplied by coverage, but a pixel on the border can be driven fully where it is lit
         self._hi = np.maximum(sample(maps.hi, where) / np.maximum(self._coverage, 0.5), self._lo)
         self._protected = (maps.is_protected(where) & (coverage > 0))[..., None]
-        self.direction, self._inside = master_directions(LOOP_SIZE)
+        self.direction, self._inside = canvas.directions(LOOP_SIZE)
         ours = (coverage * ~self._protected[..., 0])[..., None].repeat(3, axis=-1)
-        known = (cells.average_master(ours) > FREE_SHARE) & (cells.count > 0)[..., None]
+        known = (cells.average_of(ours) > FREE_SHARE) & (cells.count > 0)[..., None]
         self.known = known & self._inside[..., None]
-        self.goal = cells.average_master(target)
-        self.correction = np.zeros((LOOP_SIZE, LOOP_SIZE, 3))
-        block = np.arange(LOOP_SIZE) // BLOCK
-        self.block = block[:, None] * (LOOP_SIZE // BLOCK) + block
+        self.goal = cells.average_of(target)
+        self.correction = np.zeros((*self._shape, 3))
+        row, column = (index // BLOCK for index in np.indices(self._shape))
+        self.block = row * (1 + column.max()) + column
         self._low_pass_cells = low_pass_cells(calibration)
         m = calibration.feedback
         self.state = LoopState(
-            self._scatter(calibration),
+            scatter_of(calibration, LOOP_SIZE),
             self.block[self._inside],
             m.sigma / np.maximum(m.value, TINY) if find_scatter else np.full(3, np.inf),
             self._low_pass,
@@ -179,40 +178,28 @@ class DomeLoop:
 
     def _show(self) -> None:
         """Compute the picture with the present correction, and the cells that can still change."""
-        size = self._start.shape[0]
         seen = (self._cells.count > 0)[..., None]
         nodes = nodes_for_means(_filled(self.correction, seen | ~self._inside[..., None]))
-        added = sample(nodes, master_pixels(master_directions(size)[0], LOOP_SIZE))
+        added = sample(nodes, pixel_places(self._start.shape, self._shape))
         corrected = np.clip(self._start + added, self._lo, self._hi)
         corrected = np.where(self._start > 0, corrected, 0)
         self.picture = np.where(self._protected, self._start, corrected).astype(np.float32)
         asked = np.clip(self.picture, self._lo, self._hi) * self._coverage
-        self._asked = np.where(seen, self._cells.average_master(asked), _cell_means(asked))
+        own = _cell_means(asked, self._shape)
+        self._asked = np.where(seen, self._cells.average_of(asked), own)
         self._can_fall = self.cells_where(self.picture > self._lo + TINY) & self.known
         self._can_rise = self.cells_where(self.picture < self._hi - TINY) & self.known
         self.free = self._can_fall & self._can_rise
 
     def cells_where(self, pixels: BoolArray) -> BoolArray:
-        """Cells (N, N, 3) in which almost all pixels of a dome master (M, M, 3) are true."""
-        return self._cells.average_master(pixels.astype(np.float32)) > FREE_SHARE
+        """Cells (N, N, 3) in which almost all pixels of a picture (M, M, 3) are true."""
+        return self._cells.average_of(pixels.astype(np.float32)) > FREE_SHARE
 
     def _margins(self) -> tuple[Array, Array]:
         """Largest decrease and increase of the light of each cell (N, N, 3) [rel]."""
-        low, high = (self._cells.average_master(limit) for limit in (self._lo, self._hi))
+        low, high = (self._cells.average_of(limit) for limit in (self._lo, self._hi))
         down = np.where(self._can_fall, np.maximum(self._asked - low, 0), 0)
         return down, np.where(self._can_rise, np.maximum(high - self._asked, 0), 0)
-
-    def _scatter(self, calibration: Calibration) -> PatchScatter:
-        """Scatter kernel on the cells, b+ = U V^T b0."""
-        maps, inside, kernel = calibration.maps, self._inside, calibration.maps.kernel
-        scatter = sample(maps.scatter_per_flux, master_pixels(self.direction, maps.size))
-        scatter, phi = scatter[inside], basis(self.direction[inside], kernel.degree)
-        spread = [
-            (scatter[:, c] / (phi @ kernel.profile[c]))[:, None] * (phi @ kernel.matrix[c])
-            for c in range(3)
-        ]
-        solid = master_solid_angles(LOOP_SIZE)[inside]
-        return PatchScatter(np.stack(spread), solid[:, None] * phi)
 
     def _low_pass(self, light: Array, known: BoolArray) -> Array:
         if self._low_pass_cells == 0:
@@ -225,7 +212,7 @@ class DomeLoop:
         return values[self._inside]
 
     def _whole(self, values: NDArray[np.generic]) -> Array:
-        whole = np.zeros((LOOP_SIZE, LOOP_SIZE, 3))
+        whole = np.zeros((*self._shape, 3))
         whole[self._inside] = values
         return whole
 
@@ -241,8 +228,17 @@ def low_pass_cells(calibration: Calibration) -> float:
         [s.sigma_arcmin[s.valid & np.isfinite(s.sigma_arcmin)] for s in surfaces]
     )
     registration = float(np.quantile(sigma, CELL_QUANTILE)) if sigma.size else 0.0
-    wanted = 2 * registration / CELL_ARCMIN
+    wanted = 2 * registration / cell_arcmin(calibration.screen)
     return float(np.sqrt(max(wanted**2 - 1 / 12, 0.0)))
+
+
+def cell_arcmin(screen: Screen) -> float:
+    """Width of a cell, in a room as seen from its middle."""
+    if isinstance(screen, Dome):
+        return float(np.degrees(screen.canvas.fov) * 60 / LOOP_SIZE)
+    direction, lit = screen.canvas.directions(LOOP_SIZE)
+    far_m = float(np.median(screen.shape.radius_at(direction[lit])))
+    return screen.room.size_m[0] / LOOP_SIZE / far_m * ARCMIN
 
 
 def noise_by_level(photographs: list[Array], count: Array) -> Array:
@@ -262,10 +258,9 @@ def noise_by_level(photographs: list[Array], count: Array) -> Array:
     return np.asarray(np.sqrt(found))
 
 
-def _cell_means(master: Image) -> Array:
-    """Means (N, N, C) of a dome master over the cells, from four samples of each."""
-    direction, _ = master_directions(2 * LOOP_SIZE)
-    fine = sample(master, master_pixels(direction, master.shape[0]))
+def _cell_means(picture: Image, shape: tuple[int, ...]) -> Array:
+    """Means (N, M, C) of a picture over cells (N, M), from four samples of each."""
+    fine = sample(picture, pixel_places((2 * shape[0], 2 * shape[1]), picture.shape))
     return block_mean(fine, 2).astype(float)
 
 
@@ -286,7 +281,6 @@ def nodes_for_means(means: Array) -> Array:
     for _ in range(JACOBI_STEPS):
         blurred = nodes
         for axis in (0, 1):
-            ends = np.roll(blurred, 1, axis) + np.roll(blurred, -1, axis)
-            blurred = 0.75 * blurred + 0.125 * ends
+            blurred = correlate1d(blurred, (0.125, 0.75, 0.125), axis, mode="nearest")
         nodes = nodes + means - blurred
     return nodes

@@ -5,34 +5,37 @@ from dataclasses import replace
 import numpy as np
 
 from procam.arrays import Array, FloatArray, Image
-from procam.estimate.closed_loop.dome import nodes_for_means
-from procam.maths.geometry.sphere import (
-    cap_solid_angle,
-    master_directions,
-    master_pixels,
-    master_solid_angles,
-)
+from procam.estimate.closed_loop.picture_loop import nodes_for_means
+from procam.maths.geometry.sphere import cap_solid_angle, master_solid_angles
 from procam.maths.light.radiosity import albedo_from_feedback, floor_return
-from procam.maths.warp import sample
+from procam.maths.warp import pixel_places, sample
 from procam.model.calibration import Calibration, ProjectorCalibration
+from procam.model.screen import RoomScreen
 from procam.model.transport import Measured, ScreenMaps
 
 
 def with_gains(calibration: Calibration, gain_factor: Array) -> Calibration:
-    """The calibration with its gains multiplied by cell means (N, N, 3), as of `DomeLoop.gain_factor`."""
+    """The calibration with its gains multiplied by cell means (N, N, 3), as of `PictureLoop.gain_factor`."""
     factor, maps = nodes_for_means(gain_factor), calibration.maps
-    where = master_pixels(master_directions(maps.size)[0], maps.size)
+    where = pixel_places(maps.coverage.shape, maps.coverage.shape)
     hi = maps.lo + (maps.hi - maps.lo) * _factor_at(factor, where, maps)
     return replace(
         calibration,
         maps=replace(maps, hi=hi.astype(np.float32)),
-        projectors={n: _regained(p, factor, maps) for n, p in calibration.projectors.items()},
+        projectors={
+            n: _regained(p, factor, calibration) for n, p in calibration.projectors.items()
+        },
     )
 
 
 def with_scatter(calibration: Calibration, factor: Array) -> Calibration:
     """The calibration with its scattered light multiplied by `factor` (3,), and all that follows from it."""
-    maps, albedo_factor = calibration.maps, _albedo_factor(calibration, factor)
+    maps, screen = calibration.maps, calibration.screen
+    albedo_factor = _albedo_factor(calibration, factor)
+    if isinstance(screen, RoomScreen):
+        mean = float(albedo_factor.mean())
+        others = ((n, min(mean * value, 1.0), mean * sigma) for n, value, sigma in screen.others)
+        screen = screen.with_others(tuple(others))
     new = replace(
         maps,
         scatter_per_flux=(maps.scatter_per_flux * factor).astype(np.float32),
@@ -40,6 +43,7 @@ def with_scatter(calibration: Calibration, factor: Array) -> Calibration:
     )
     return replace(
         calibration,
+        screen=screen,
         maps=new,
         feedback=_times(calibration.feedback, factor),
         albedo=_times(calibration.albedo, albedo_factor),
@@ -51,24 +55,32 @@ def with_scatter(calibration: Calibration, factor: Array) -> Calibration:
 
 
 def _regained(
-    projector: ProjectorCalibration, factor: Array, maps: ScreenMaps
+    projector: ProjectorCalibration, factor: Array, calibration: Calibration
 ) -> ProjectorCalibration:
-    direction = np.nan_to_num(projector.surface.direction)
-    at = _factor_at(factor, master_pixels(direction, maps.size), maps)
+    direction, maps = np.nan_to_num(projector.surface.direction), calibration.maps
+    where = calibration.screen.canvas.pixels(direction, maps.size)
+    at = _factor_at(factor, where, maps)
     photometry = replace(projector.photometry, gain=projector.photometry.gain * at)
     return replace(projector, photometry=photometry)
 
 
 def _factor_at(factor: Array, where: FloatArray, maps: ScreenMaps) -> Image:
     """The factor at positions (..., 2) of the maps [px]; 1 where the picture is protected."""
-    cell = (where + 0.5) * (len(factor) / maps.size) - 0.5
+    share = np.array(factor.shape[1::-1]) / maps.coverage.shape[::-1]
+    cell = (where + 0.5) * share - 0.5
     at = sample(factor, cell, outside=1.0)
     at[maps.is_protected(where)] = 1.0
     return at
 
 
 def _albedo_factor(calibration: Calibration, scatter: Array) -> Array:
-    """Factor (C,) of the albedo that multiplies the feedback by `scatter` (C,)."""
+    """Factor (C,) of the albedo that multiplies the feedback by `scatter` (C,).
+
+    In a room light returns as in an enclosure of one albedo, m = x / (1 - x) for x in proportion to it.
+    """
+    if isinstance(calibration.screen, RoomScreen):
+        m = calibration.feedback.value
+        return np.asarray(scatter * (1 + m) / (1 + scatter * m))
     dome, maps, m = calibration.dome, calibration.maps, calibration.feedback.value
     screen_sr = cap_solid_angle(dome.half_angle)
     lit_sr = min(float((master_solid_angles(maps.size) * maps.coverage).sum()), screen_sr)

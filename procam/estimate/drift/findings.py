@@ -25,10 +25,10 @@ from procam.estimate.drift.finding import (
 from procam.estimate.drift.projector_change import ProjectorChange
 from procam.estimate.drift.projector_findings import is_warming, name_projector_causes
 from procam.estimate.light.bands import ADVICE
-from procam.maths.geometry.sphere import angles_from_direction, master_directions
 from procam.maths.statistics import MEDIAN_SIGMA
 from procam.model.calibration import Calibration
 from procam.model.photometry import PRIMARIES
+from procam.model.screen import Dome
 
 AT_CENTRE_M = 1e-6  # of the dome: where a media server counts as a projector
 
@@ -153,7 +153,8 @@ def _room(calibration: Calibration, change: VenueChange) -> Iterator[Finding]:
             dust.loss,
             dust.sigma,
             "rel",
-            f"the screen reflects up to {dust.loss:.1%} less, most {_where(dust.direction)}{or_lamps}",
+            f"the screen reflects up to {dust.loss:.1%} less, most at "
+            f"{calibration.screen.named(dust.direction)}{or_lamps}",
             "clean the screen; if it stays, calibrate again",
         )
     if stain:
@@ -163,7 +164,7 @@ def _room(calibration: Calibration, change: VenueChange) -> Iterator[Finding]:
             stain.loss,
             stain.sigma,
             "rel",
-            f"a spot {_where(stain.direction)} reflects {stain.loss:.0%} less, about "
+            f"a spot at {calibration.screen.named(stain.direction)} reflects {stain.loss:.0%} less, about "
             f"{np.degrees(2 * stain.width):.0f} degrees wide{or_lamps}",
             "look at the screen there; clean it or calibrate again",
         )
@@ -180,13 +181,8 @@ def _room(calibration: Calibration, change: VenueChange) -> Iterator[Finding]:
             "rel",
             f"the room's own light is {abs(ambient):.2%} of white {'more' if ambient > 0 else 'less'} than "
             "at the calibration",
-            "switch off what is lit, close doors and curtains; or measure it: procam state",
+            f"switch off what is lit, close doors and curtains; or {_measure(calibration)}",
         )
-
-
-def _where(direction: Array) -> str:
-    azimuth, elevation = np.degrees(angles_from_direction(direction))
-    return f"at azimuth {azimuth:.0f}, elevation {elevation:.0f} degrees"
 
 
 def _floor(calibration: Calibration, change: VenueChange) -> Iterator[Finding]:
@@ -203,13 +199,20 @@ def _floor(calibration: Calibration, change: VenueChange) -> Iterator[Finding]:
             "rel",
             f"scattered light is {abs(size):.0%} {'more' if size > 0 else 'less'}: another floor, furniture "
             "or audience",
-            "measure it, to compensate with it: procam state",
+            f"take it out again, or {_measure(calibration)}",
         )
+
+
+def _measure(calibration: Calibration) -> str:
+    """How light is compensated that is there to stay."""
+    dome = isinstance(calibration.screen, Dome)
+    return "measure it, to compensate with it: procam state" if dome else "calibrate again"
 
 
 def scatter_by_dome(calibration: Calibration, change: VenueChange) -> Array:
     """Scattered per direct light over that before (3,), by the change of the screen's albedo alone."""
-    direction, inside = master_directions(64)
-    above = inside & (direction[..., 2] > np.cos(calibration.dome.half_angle))
-    change_of_albedo = float(np.mean(change.dome.log_albedo(direction[above])))
+    screen = calibration.screen
+    direction, inside = screen.canvas.directions(64)
+    on_screen = inside & screen.contains(direction)
+    change_of_albedo = float(np.mean(change.dome.log_albedo(direction[on_screen])))
     return np.asarray(np.exp(change_of_albedo * (1 + calibration.feedback.value)))

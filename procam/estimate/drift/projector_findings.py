@@ -21,10 +21,13 @@ from procam.estimate.drift.finding import (
 from procam.estimate.drift.panel import NO_LIGHT
 from procam.estimate.drift.projector_change import MotionKind, ProjectorChange
 from procam.estimate.drift.response_findings import name_settings
+from procam.maths.geometry.sphere import ARCMIN
 from procam.maths.statistics import MEDIAN_SIGMA
 from procam.model.calibration import Calibration
 from procam.model.photometry import PRIMARIES
+from procam.model.screen import RoomScreen
 
+THINNED = 97  # every so many pixels of a panel, for a median
 MOTIONS: Mapping[MotionKind, tuple[Cause, str, str]] = {
     "moved": ("moved", "its picture moved", "recalibrate it: procam recalibrate"),
     "keystone": (
@@ -120,10 +123,19 @@ def _no_texture(name: str, change: ProjectorChange) -> Finding:
     )
 
 
+def _pixel_arcmin(calibration: Calibration, name: str) -> float:
+    """Width of a projector's pixels, in a room as seen from its middle."""
+    surface, screen = calibration.projectors[name].surface, calibration.screen
+    width = float(np.sqrt(np.median(surface.solid_angle_sr[surface.valid])))
+    if isinstance(screen, RoomScreen):
+        direction = surface.direction[surface.valid][::THINNED].astype(float)
+        width /= float(np.median(screen.shape.radius_at(direction)))
+    return width * ARCMIN
+
+
 def _motion(calibration: Calibration, name: str, change: ProjectorChange) -> Iterator[Finding]:
     projector = calibration.projectors[name]
-    solid = projector.surface.solid_angle_sr[projector.surface.valid]
-    pixel_arcmin = float(np.degrees(np.sqrt(np.median(solid)))) * 60
+    pixel_arcmin = _pixel_arcmin(calibration, name)
     limit = MOST_MOVED_ARCMIN / pixel_arcmin
     if change.moved_px <= max(limit, CERTAIN * change.moved_sigma):
         return

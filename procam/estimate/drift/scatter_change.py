@@ -6,10 +6,11 @@ import numpy as np
 
 from procam.arrays import Array, Image
 from procam.estimate.drift.pictures import PanelGrid, VenuePhotographs
+from procam.estimate.drift.room_scatter_change import content_light, room_scatter_ratio
 from procam.estimate.light.audience import AudienceView, ZoneObservation
-from procam.maths.geometry.sphere import master_pixels
 from procam.maths.warp import sample
 from procam.model.calibration import Calibration
+from procam.model.screen import RoomScreen
 from procam.model.transport import Measured
 
 FEWEST = 2  # projectors: one gives no estimate of its own error
@@ -23,6 +24,8 @@ def scatter_ratio(
     """Scattered light per direct light over that of before (3,), by the whites of some projectors."""
     if len(names) < FEWEST:
         return None
+    if isinstance(calibration.screen, RoomScreen):
+        return room_scatter_ratio(calibration, before, now, names)
     pairs = []
     for photographs in (before, now):
         view = AudienceView(calibration, photographs.view)
@@ -36,11 +39,7 @@ def _observed(
 ) -> ZoneObservation:
     width, height = calibration.projectors[name].model.size
     lit = view.expected(name, np.ones((height, width, 1), np.float32)) > 0
-    return view.observe(_content(calibration, photographs.projectors[name].white), lit)
-
-
-def _content(calibration: Calibration, image: Image) -> Image:
-    return np.asarray(image @ calibration.content_from_camera.T.astype(np.float32), np.float32)
+    return view.observe(content_light(calibration, photographs.projectors[name].white), lit)
 
 
 def ambient_light(
@@ -53,7 +52,7 @@ def ambient_light(
 
 def _mean(calibration: Calibration, photographs: VenuePhotographs) -> tuple[Array, Array]:
     """Mean (3,) of the dark over the screen, and its standard error from parts of the picture."""
-    dark = _content(calibration, photographs.dark)
+    dark = content_light(calibration, photographs.dark)
     good = photographs.view.on_screen & np.isfinite(dark).all(axis=-1)
     mean = dark[good].mean(axis=0, dtype=float)
     noise = dark[good].std(axis=0, dtype=float) / np.sqrt(max(1, int(good.sum())))
@@ -68,8 +67,8 @@ def scattered_share(calibration: Calibration, name: str, grid: PanelGrid) -> Ima
     projector, step = calibration.projectors[name], grid.step
     gain = projector.photometry.gain[..., GREEN] * projector.surface.valid
     flux = float(np.nansum(gain * projector.surface.solid_angle_sr, dtype=float))
-    maps = calibration.maps
-    places = master_pixels(np.nan_to_num(grid.direction), maps.size)
+    maps, canvas = calibration.maps, calibration.screen.canvas
+    places = canvas.pixels(np.nan_to_num(grid.direction), maps.size)
     scattered = flux * sample(maps.scatter_per_flux[..., GREEN], places)
     direct = np.maximum(gain[::step, ::step], 1e-9)
     return np.asarray(np.clip(scattered / (direct + scattered), 0, 0.99), np.float32)

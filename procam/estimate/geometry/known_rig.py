@@ -12,6 +12,7 @@ from procam.estimate.geometry.adjustment import (
     prior_sigmas,
     systematic_ratio,
 )
+from procam.estimate.geometry.creases import widened_at_creases
 from procam.estimate.geometry.fits import agreeing
 from procam.estimate.geometry.model import (
     ParameterLayout,
@@ -52,6 +53,7 @@ def solve_projectors(
     placed = resect_projectors(known, priors, own)
     check_projectors_placed(placed, priors)
     rig = replace(known, projectors={**known.projectors, **placed.projectors})
+    own = widened_at_creases(rig, own)
     prior = _held(problem, rig, names)
     rig = Adjustment(problem, own, prior).solve(rig, robust=True)
     last = Adjustment(problem, agreeing(rig, own), prior, names)

@@ -68,14 +68,8 @@ class AudienceView:
         self._lit_sr = self._summed(self._covered)
 
     def expected(self, projector: str, picture: Image) -> Image:
-        """Where the direct light of a projector's picture (H, W, 1) 0..1 falls: (H, W) [rel], green.
-
-        Response and blur are ignored, so the levels are approximate.
-        """
-        known = self.calibration.projectors[projector]
-        gain = known.photometry.gain[..., GREEN] * known.surface.valid * picture[..., 0]
-        xy = self.view.projector_pixels(known.model, self.calibration.screen)
-        return sample(gain, xy) * self.view.on_screen
+        """See `expected_light`."""
+        return expected_light(self.calibration, self.view, projector, picture)
 
     def ambient(self, light: Image) -> tuple[Map, Array]:
         """Ambient light (N, N, 3) on the dome master, and its mean (3,) over the lit part [rel].
@@ -164,6 +158,19 @@ class AudienceView:
         """Solid angle (N,) of a share (H, W) of the pixels, summed over cells [sr]."""
         nothing = np.zeros(share.shape, bool)
         return self._cells.scatter_sample(share[..., None], nothing, share[..., None]).direct[:, 0]
+
+
+def expected_light(
+    calibration: Calibration, view: ScreenView, projector: str, picture: Image
+) -> Image:
+    """Where the direct light of a projector's picture (H, W, 1) 0..1 falls: (H, W) [rel], green.
+
+    Response and blur are ignored, so the levels are approximate.
+    """
+    known = calibration.projectors[projector]
+    gain = known.photometry.gain[..., GREEN] * known.surface.valid * picture[..., 0]
+    xy = view.projector_pixels(known.model, calibration.screen)
+    return sample(gain, xy) * view.on_screen
 
 
 def centre_shift(light: Image, expected: Image, usable: BoolArray) -> float:

@@ -7,10 +7,10 @@ import typer
 
 from procam.files.history.read import verify_unchanged
 from procam.files.history.record import recorded
+from procam.files.venue.load import load_venue
 from procam.files.versions import calibration_in_use
 from procam.interfaces.cli._options import Json, UnattendedOption, VenueArgument
 from procam.interfaces.cli._output import Output, RunLog
-from procam.interfaces.cli._sessions import load_dome_venue
 from procam.workflows.recalibrate.recalibrate import recalibrate as recalibrating
 from procam.workflows.unattended import leave_for
 
@@ -35,10 +35,7 @@ def recalibrate(
     calibration in use: all other projectors stay to the last bit, and seams are blended anew. The old
     calibration stays, and stays in use if the new one fits worse; exit 1 then.
     """
-    loaded, output = (
-        load_dome_venue(venue, "recalibrate"),
-        Output(json, RunLog(venue, "recalibrate")),
-    )
+    loaded, output = load_venue(venue), Output(json, RunLog(venue, "recalibrate"))
     used = calibration_in_use(venue)
     with recorded(venue, "recalibrate"), leave_for(loaded, "recalibrate", unattended) as leave:
         verify_unchanged(venue, used)  # here, so that whoever is to be notified hears of it

@@ -8,18 +8,19 @@ import typer
 from procam.files.calibration import load_calibration
 from procam.files.history.read import verify_unchanged
 from procam.files.history.record import recorded
+from procam.files.images.stills import read_picture
 from procam.files.session import digest
+from procam.files.venue.load import load_venue
 from procam.files.versions import chosen_calibration, venue_of_calibration
 from procam.interfaces.cli import _sessions
 from procam.interfaces.cli._options import FromArgument, Json, ReplaceRound, RoundPhotos
 from procam.interfaces.cli._output import Output, RunLog, as_dicts, exit_if_missed
 from procam.interfaces.cli._rounds import ask_for_photographs, given_photographs
-from procam.interfaces.cli._sessions import load_dome_venue
 from procam.workflows.photographs.open import photographer_of
 from procam.workflows.photographs.orders import PhotographsWanted
-from procam.workflows.playout.frame import require_standard_canvas
+from procam.workflows.playout.frame import canvas_size, require_standard_canvas
 from procam.workflows.refine import refine as loop
-from procam.workflows.refine.stored_pictures import keep_loop, keep_pictures, read_square
+from procam.workflows.refine.stored_pictures import keep_loop, keep_pictures
 from procam.workflows.sample_content import half_sky
 
 EXAMPLE = "procam refine my-dome --picture sky.exr"
@@ -29,7 +30,9 @@ def refine(
     start: FromArgument,
     picture: Annotated[
         Path | None,
-        typer.Option(help="Dome master to refine on; by default a picture of half a sky."),
+        typer.Option(
+            help="Picture on the canvas to refine on; by default a picture of half a sky."
+        ),
     ] = None,
     photos: RoundPhotos = None,
     replace: ReplaceRound = False,
@@ -42,13 +45,16 @@ def refine(
     one gets worse, nothing is written.
     """
     venue = venue_of_calibration(start)
-    loaded, output = load_dome_venue(venue, "refine"), Output(json, RunLog(venue, "refine"))
+    loaded, output = load_venue(venue), Output(json, RunLog(venue, "refine"))
     kept = chosen_calibration(start)
     verify_unchanged(venue, kept)
     calibration = load_calibration(kept)
     if picture:
         require_standard_canvas(calibration, "--picture", "leave it out to refine on half a sky")
-    content, note = read_square(picture) if picture else (half_sky(calibration.maps.size), "")
+    content, note = half_sky(calibration.maps.size, calibration.screen), ""
+    if picture:
+        content, note = read_picture(picture)
+        canvas_size(content, str(picture), calibration)
     with recorded(venue, "refine"):
         try:
             of = f"{kept.name} {digest(content)}"

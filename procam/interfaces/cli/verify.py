@@ -12,6 +12,7 @@ from procam.estimate.drift.finding import Finding, advice_by_hand
 from procam.files.calibration import load_calibration
 from procam.files.history.read import verify_unchanged
 from procam.files.history.record import recorded
+from procam.files.venue.load import load_venue
 from procam.files.versions import chosen_calibration, venue_of_calibration
 from procam.interfaces.cli._options import (
     FromArgument,
@@ -22,7 +23,6 @@ from procam.interfaces.cli._options import (
 )
 from procam.interfaces.cli._output import Output, RunLog, as_dicts
 from procam.interfaces.cli._rounds import ask_for_photographs, given_photographs
-from procam.interfaces.cli._sessions import load_dome_venue
 from procam.interfaces.cli._system_errors import worded
 from procam.workflows.photographs.open import is_by_hand, photographer_of
 from procam.workflows.photographs.orders import PhotographsWanted
@@ -47,7 +47,7 @@ def verify(
     roughly is no alarm. By hand, one run writes the pictures, and the next takes photographs with --photos.
     """
     venue, kept = venue_of_calibration(start), chosen_calibration(start)
-    loaded, output = load_dome_venue(venue, "verify"), Output(json, RunLog(venue, "verify"))
+    loaded, output = load_venue(venue), Output(json, RunLog(venue, "verify"))
     verified: Verified | None = None
     try:
         with recorded(venue, "verify") as run, leave_for(loaded, "verify", unattended) as leave:

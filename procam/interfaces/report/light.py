@@ -83,8 +83,7 @@ def pollution(material: Material) -> Iterator[Block]:
         return
     before, after = (percent(error, 2) for error in seen.error_rms())
     if seen.source == "prediction":
-        shown = "a photograph (`procam refine`)" if material.is_dome else "a photograph"
-        after = f"nothing, by construction: only {shown} shows the remaining error"
+        after = "nothing, by construction: only a photograph (`procam refine`) shows the remaining error"
     yield Text(
         "Where no limit holds, the picture differs from the intended one by "
         f"{before} of white before (root mean square, a typical size), and after by {after}."
@@ -147,8 +146,9 @@ def loop(material: Material) -> Iterator[Block]:
     if seen.unseen:
         before, after = (percent(value, 2) for value in seen.unseen)
         yield Text(
-            "The calibration that followed was tried on the picture turned and inverted, from which nothing "
-            f"was learnt: its difference went from {before} to {after} of white, camera noise taken off."
+            "The calibration that followed was tried on another picture, turned or mirrored and inverted, "
+            f"from which nothing was learnt: its difference went from {before} to {after} of white, camera "
+            "noise taken off."
         )
     if seen.worse:
         yield Text(f"The resulting calibration was not kept: {seen.worse}.")

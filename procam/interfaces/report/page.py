@@ -30,7 +30,7 @@ from procam.interfaces.report.words import (
 )
 from procam.model.screen import RoomScreen
 
-OF_DOMES = ("loop", "other-seat")  # sections
+OF_DOMES = ("other-seat",)  # sections
 Entries = Mapping[str, Mapping[str, Any]]
 
 

@@ -29,7 +29,6 @@ def write_sheet(venue_dir: Path) -> Path:
         The venue has no calibration.
     """
     venue, used = load_venue(venue_dir), calibration_in_use(venue_dir)
-    dome = isinstance(venue.screen, Dome)
     folder = quote(str(venue_dir.resolve()))
     page = html_template("sheet_template.html").render(
         venue=venue_dir.resolve().name,
@@ -37,7 +36,6 @@ def write_sheet(venue_dir: Path) -> Path:
         written=date_text(written_at(used)),
         folder=folder,
         frames=_frames_text(venue),
-        verified=dome,
         play=list(_play(venue, folder)),
         states=sorted(load_dome(used).states),
         earlier=[(p.name, date_text(written_at(p))) for p in _earlier(venue_dir, used)],
@@ -79,19 +77,14 @@ def _play(venue: Venue, folder: str) -> Iterator[tuple[str, str]]:
 
 def _symptoms(venue: Venue, folder: str) -> Iterator[tuple[str, str]]:
     """What is seen, and what to do."""
-    dome = isinstance(venue.screen, Dome)
+    screen = "dome" if isinstance(venue.screen, Dome) else "room"
     yield (
         "Seams are double or blurred",
-        "Something moved. Run the monthly check; if it names a drift, have the dome calibrated again."
-        if dome
-        else "Something moved. Have the room calibrated again.",
+        f"Something moved. Run the monthly check; if it names a drift, have the {screen} calibrated again.",
     )
     yield (
         "One part is darker or of another colour",
-        "Wait until the lamps are warm (30 min), clean the lens, "
-        + (
-            "run the monthly check." if dome else "and if it stays, have the room calibrated again."
-        ),
+        "Wait until the lamps are warm (30 min), clean the lens, run the monthly check.",
     )
     yield (
         "All of it is grey and pale",

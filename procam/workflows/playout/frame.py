@@ -162,7 +162,7 @@ class ClipEngine:
 
     def _require_alike(self, clip_frame: ClipFrame, dtype: np.dtype[Any], out: str) -> None:
         """Refuse a frame whose size or encoding is not the first one's."""
-        size = canvas_size(clip_frame, self._calibration)
+        size = canvas_size(clip_frame.rgb, clip_frame.name, self._calibration)
         self._like = first_size, *encoding = self._like or (size, dtype, out)
         if size != first_size:
             raise FileFormatError(
@@ -189,16 +189,16 @@ class ClipEngine:
         )
 
 
-def canvas_size(clip_frame: ClipFrame, calibration: Calibration) -> int:
-    """Width [px] of a frame; refuses one that has not the aspect of the calibration's canvas."""
+def canvas_size(picture: AnyArray, name: str, calibration: Calibration) -> int:
+    """Width [px] of a picture (H, W, 3); refuses one that has not the aspect of the calibration's canvas."""
     if isinstance(calibration.screen, Dome):
-        return square_edge(clip_frame.rgb, clip_frame.name)
-    rows, columns = clip_frame.rgb.shape[:2]
+        return square_edge(picture, name)
+    rows, columns = picture.shape[:2]
     needed = calibration.canvas.shape(columns)[0]
     if rows != needed:
         width_m, height_m = calibration.screen.room.size_m
         raise FileFormatError(
-            f"{clip_frame.name}: {columns}x{rows} px, and the canvas of this room is {width_m:g} x "
+            f"{name}: {columns}x{rows} px, and the canvas of this room is {width_m:g} x "
             f"{height_m:g} m; make it {columns}x{needed} (`procam venue canvas` draws what lies where)"
         )
     return columns
@@ -225,6 +225,8 @@ def most_light(rgb: AnyArray) -> float:
 
 def require_standard_canvas(calibration: Calibration, what: str, instead: str) -> None:
     """Refuse `what` where the media server is fed with other masters than the standard ones."""
+    if not isinstance(calibration.screen, Dome):
+        return
     canvas = calibration.dome_canvas
     if canvas != STANDARD:
         raise InputError(

@@ -96,7 +96,7 @@ class _Maker:
 
     def frames(self, clip_frame: ClipFrame) -> Frames | None:
         """A frame (H, W, 3) of each projector; None of one that only precedes those that are wanted."""
-        size = canvas_size(clip_frame, self._calibration)
+        size = canvas_size(clip_frame.rgb, clip_frame.name, self._calibration)
         name = named_transfer(clip_frame, self._settings)
         if self._warper is None:
             self._warper = Warper(self._calibration, size, np.uint16)

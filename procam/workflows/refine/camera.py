@@ -1,4 +1,4 @@
-"""The camera of the closed loop: photographs of what is on the dome, as light per cell."""
+"""The camera of the closed loop: photographs of what is on the screen, as light per cell."""
 
 from collections.abc import Mapping, Sequence
 
@@ -9,8 +9,8 @@ from procam.errors import OutOfModelRange
 from procam.estimate.camera.exposure import green
 from procam.estimate.camera.noise import NO_NOISE, noise_from_repeat
 from procam.estimate.closed_loop.brackets import bracket_for, merged_frame
-from procam.estimate.closed_loop.dome import LoopCells
 from procam.estimate.closed_loop.patches import MIN_PHOTOGRAPHS
+from procam.estimate.closed_loop.picture_loop import LoopCells
 from procam.model.frame import Frame
 from procam.workflows.main_camera import MainCamera
 from procam.workflows.photographs.driven import Photographer, Wanted
@@ -26,7 +26,7 @@ class LoopCamera:
     def __init__(self, photographer: Photographer, camera: MainCamera) -> None:
         self._photographer, self._camera = photographer, camera
         self._sensor = camera.radiometer.camera.sensor
-        self.cells = LoopCells.of(camera.view.direction, camera.view.on_screen)
+        self.cells = LoopCells.of(camera.canvas, camera.view.direction, camera.view.on_screen)
         self._exposures_s: tuple[float, ...] = (0.1,)
         self._noise = NO_NOISE
         self._dark = np.zeros(3)
@@ -92,7 +92,7 @@ class LoopCamera:
         self._shown = frames
 
     def photographs(self, count: int) -> list[Array]:
-        """Cell means (N, N, 3) of what is on the dome [rel], `count` times."""
+        """Cell means (N, N, 3) of what is on the screen [rel], `count` times."""
         self._photographer.plan([Wanted(self._shown, e) for e in self._exposures_s] * count)
         return [self._photograph() for _ in range(count)]
 
@@ -103,7 +103,7 @@ class LoopCamera:
         lost = float(np.isnan(light[self.cells.use]).any(axis=-1).mean())
         if lost > 0.01:
             raise OutOfModelRange(
-                f"loop photograph at {frame.settings.exposure_s:.3g} s: {lost:.1%} of the dome is "
+                f"loop photograph at {frame.settings.exposure_s:.3g} s: {lost:.1%} of the screen is "
                 "saturated, more than 1%; is room light on, or another projector?"
             )
         return self.cells.average(self._camera.content(np.nan_to_num(light))) - self._dark

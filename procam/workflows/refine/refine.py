@@ -13,10 +13,9 @@ from procam.arrays import Array, BoolArray, Image
 from procam.estimate.closed_loop.patches import MAX_CORRECTIONS, MIN_PHOTOGRAPHS, VISIBLE_JND
 from procam.estimate.closed_loop.refined import with_gains, with_scatter
 from procam.files.venue.load import Venue
-from procam.maths.geometry.canvas import STANDARD
-from procam.maths.geometry.sphere import master_directions
 from procam.model.calibration import Calibration
 from procam.model.quality import Figure, Goal
+from procam.model.screen import Dome, Screen
 from procam.workflows.events import Event, Steps
 from procam.workflows.main_camera import MainCamera
 from procam.workflows.photographs.driven import Photographer
@@ -111,7 +110,7 @@ class Refined:
 def refine(
     photographer: Photographer, venue: Venue, calibration: Calibration, content: Image
 ) -> Steps[Refined]:
-    """Refine on `content` (N, N, 3) on the standard canvas.
+    """Refine on `content` (H, W, 3) on the canvas of the calibration's maps.
 
     Raises
     ------
@@ -119,7 +118,7 @@ def refine(
         The camera cannot resolve what would be corrected, or is dazzled; or the light in the room changed.
     """
     total, canvas = MAX_CORRECTIONS + 5, calibration.canvas
-    calibration = calibration.on(STANDARD)
+    calibration = calibration.on(calibration.screen.canvas)
     camera = LoopCamera(photographer, MainCamera.of(venue, calibration))
     plain = PreparedPicture.of(calibration, content, "none")
     prepared = PreparedPicture.of(calibration, content)
@@ -165,8 +164,9 @@ def _uncompensated(camera: LoopCamera, plain: PreparedPicture, following: Prepar
 def _better(camera: LoopCamera, calibration: Calibration, shown: ShownPicture) -> Calibration:
     """The calibration with the scattered light that a picture showed, and gains measured on grey."""
     scattered = with_scatter(calibration, shown.loop.state.scatter_factor)
-    size = shown.wanted.direct.shape[0]
-    grey = np.full((size, size, 3), GREY, np.float32) * master_directions(size)[1][..., None]
+    size = shown.wanted.direct.shape[1]
+    inside = calibration.screen.canvas.directions(size)[1][..., None]
+    grey = np.repeat(np.float32(GREY) * inside, 3, axis=-1)
     even = ShownPicture.start(camera, PreparedPicture.of(scattered, grey), find_scatter=False)
     even.correct()  # once: wrong gains scatter a wrong light too
     even.learn()
@@ -175,7 +175,7 @@ def _better(camera: LoopCamera, calibration: Calibration, shown: ShownPicture) -
 
 def _trials(shown: ShownPicture, better: Calibration, content: Image) -> list[Trial]:
     """The picture, and one that was not learnt from, by the calibration before and after."""
-    unseen, camera = turned_and_inverted(content), shown.camera
+    unseen, camera = turned_and_inverted(content, shown.calibration.screen), shown.camera
     prepared = [
         PreparedPicture.of(better, content),
         PreparedPicture.of(shown.calibration, unseen),
@@ -187,11 +187,15 @@ def _trials(shown: ShownPicture, better: Calibration, content: Image) -> list[Tr
     return [Trial("picture", shown, own), Trial("turned and inverted picture", before, after)]
 
 
-def turned_and_inverted(content: Image) -> Image:
-    """Content (N, N, 3) turned by a quarter, bright where it was dark; nowhere quite dark."""
-    inside = master_directions(content.shape[0])[1][..., None]
-    inverted = GREY * (1 - content / max(float(content.max()), 1.0))
-    return np.ascontiguousarray(np.rot90(np.maximum(inverted, DIM) * inside), np.float32)
+def turned_and_inverted(content: Image, screen: Screen) -> Image:
+    """Content (H, W, 3) turned by a quarter, in a room mirrored, bright where it was dark.
+
+    Nowhere is it quite dark.
+    """
+    inverted = np.maximum(GREY * (1 - content / max(float(content.max()), 1.0)), DIM)
+    turned = np.rot90(inverted) if isinstance(screen, Dome) else inverted[:, ::-1]
+    inside = screen.canvas.directions(content.shape[1])[1][..., None]
+    return np.ascontiguousarray(turned * inside, np.float32)
 
 
 def _judged(shown: ShownPicture, trials: list[Trial], before: Array) -> Refined:
@@ -203,7 +207,7 @@ def _judged(shown: ShownPicture, trials: list[Trial], before: Array) -> Refined:
     before_rms, after_rms = np.mean(rms, axis=0) if rms else (0.0, 0.0)
     better = bool(not worse and after_rms < before_rms)
     calibration = own.calibration if better else shown.calibration
-    target = shown.camera.cells.average_master(shown.wanted.observed)
+    target = shown.camera.cells.average_of(shown.wanted.observed)
     refined = Refined(
         calibration=calibration,
         residual=shown.residual,

@@ -1,4 +1,4 @@
-"""A picture on the dome, as a calibration compensates it, and photographs of it."""
+"""A picture on the screen, as a calibration compensates it, and photographs of it."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -6,10 +6,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from procam.arrays import Array, BoolArray, Image
-from procam.compensate.compensator import Compensated, Compensator
+from procam.compensate.any_screen import AnyPicture, compensator_for
 from procam.compensate.perceptual.settings import Perceptual
 from procam.compensate.projector_frames import projector_frames
-from procam.estimate.closed_loop.dome import DomeLoop, noise_by_level
 from procam.estimate.closed_loop.patches import (
     MIN_PHOTOGRAPHS,
     converged,
@@ -19,7 +18,7 @@ from procam.estimate.closed_loop.patches import (
     residual_jnd,
     residual_without_noise,
 )
-from procam.maths.geometry.sphere import angles_from_direction
+from procam.estimate.closed_loop.picture_loop import PictureLoop, noise_by_level
 from procam.model.calibration import Calibration
 from procam.model.photometry import PRIMARIES
 from procam.workflows.refine.camera import LoopCamera
@@ -36,7 +35,7 @@ class PreparedPicture:
     """
 
     calibration: Calibration
-    wanted: Compensated
+    wanted: AnyPicture
     target: Image
     frames: Mapping[str, Image]
 
@@ -45,7 +44,7 @@ class PreparedPicture:
         cls, calibration: Calibration, content: Image, method: str | Perceptual = "exact"
     ) -> "PreparedPicture":
         """Content (N, N, 3), compensated by a method of `Compensator`."""
-        compensator = Compensator(calibration, content.shape[0], method)
+        compensator = compensator_for(calibration)(calibration, content.shape[1], method)
         wanted = compensator.predict(content)
         frames = projector_frames(wanted.direct, calibration)
         return cls(calibration, wanted, compensator.target(content), frames)
@@ -67,8 +66,8 @@ class ShownPicture:
 
     camera: LoopCamera
     calibration: Calibration
-    wanted: Compensated
-    loop: DomeLoop
+    wanted: AnyPicture
+    loop: PictureLoop
     sigma: Array
     seen: list[Array]
     first: Array
@@ -81,7 +80,7 @@ class ShownPicture:
     ) -> "ShownPicture":
         """Show a picture, and photograph it often and long enough to resolve what is off."""
         wanted, calibration = prepared.wanted, prepared.calibration
-        loop = DomeLoop(calibration, camera.cells, wanted.direct, prepared.target, find_scatter)
+        loop = PictureLoop(calibration, camera.cells, wanted.direct, prepared.target, find_scatter)
         camera.expose_for(wanted.observed)
         camera.show(prepared.frames)
         seen = camera.photographs(MIN_PHOTOGRAPHS)
@@ -164,9 +163,8 @@ class Trial:
         if found is None:
             return ""
         where = loop.direction.reshape(flat)[found.place].mean(axis=0)
-        azimuth, elevation = np.degrees(angles_from_direction(where))
+        place = self.before.calibration.screen.named(where)
         return (
-            f"{PRIMARIES[found.channel]} light at azimuth {azimuth:.0f}, elevation "
-            f"{elevation:.0f} degrees of the {self.name} was off by {found.before:.2g} JND before the "
-            f"loop and is by {found.after:.2g} after it"
+            f"{PRIMARIES[found.channel]} light at {place}, in the {self.name}, was off by "
+            f"{found.before:.2g} JND before the loop and is by {found.after:.2g} after it"
         )

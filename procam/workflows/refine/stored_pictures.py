@@ -8,13 +8,11 @@ import numpy as np
 
 from procam.arrays import FloatArray, Image
 from procam.compensate.any_screen import AnyPicture, compensator_for
-from procam.compensate.compensator import Compensator
 from procam.compensate.projector_frames import Warper, projector_frames
 from procam.files import atomic
 from procam.files.images.layers import RGB, write_channels
 from procam.files.images.pixels import read_image, write_image
 from procam.files.images.stills import read_picture, square_edge
-from procam.maths.geometry.canvas import STANDARD
 from procam.model.calibration import Calibration
 from procam.model.screen import Dome
 from procam.workflows.refine.refine import Refined
@@ -69,8 +67,9 @@ def keep_loop(venue_dir: Path, refined: Refined, content: Image) -> None:
     _write_rgb(loop / "after.exr", refined.photographs["after"])
     _write_rgb(loop / "predicted.exr", refined.target)
     _write_rgb(loop / "free.exr", refined.free.astype(np.float32))
-    calibration = refined.calibration.on(STANDARD)
-    direct = Compensator(calibration, content.shape[0]).predict(content).direct
+    calibration = refined.calibration.on(refined.calibration.screen.canvas)
+    compensator = compensator_for(calibration)(calibration, content.shape[1])
+    direct = compensator.predict(content).direct
     frames = projector_frames(direct, calibration)
     write_frames(frames, venue_dir / "frames" / "refined")
     curve = {

@@ -10,17 +10,16 @@ from procam.estimate.closed_loop.patches import (
     MIN_PHOTOGRAPHS,
     LoopObservation,
     LoopState,
-    PatchScatter,
     common_errors,
     converged,
     just_noticeable,
     largest_regression,
     photographs_needed,
     posterior,
-    remove_scatter,
     residual_jnd,
     residual_without_noise,
 )
+from procam.estimate.closed_loop.scatter import PatchScatter, remove_scatter
 from studies import loop as study
 
 Array = np.ndarray

@@ -8,15 +8,15 @@ from small_loop import LOOP_SIZE, SIZE, observed
 from tolerances import FLOAT32
 
 from procam.errors import NotEnoughData
-from procam.estimate.closed_loop.dome import (
-    CELL_ARCMIN,
-    DomeLoop,
+from procam.estimate.closed_loop.patches import LoopObservation
+from procam.estimate.closed_loop.picture_loop import (
     LoopCells,
+    PictureLoop,
+    cell_arcmin,
     low_pass_cells,
     nodes_for_means,
     noise_by_level,
 )
-from procam.estimate.closed_loop.patches import LoopObservation
 from procam.maths.geometry.sphere import master_directions, master_pixels
 from procam.maths.warp import block_mean, sample
 from procam.model.calibration import Calibration
@@ -31,7 +31,7 @@ def _sigma() -> np.ndarray:
 
 class TestCells:
     def test_averages_keep_levels_and_slopes(self, cells: LoopCells) -> None:
-        picture = np.clip(cells.direction, -1, 1)
+        picture = np.clip(master_directions(2 * LOOP_SIZE)[0], -1, 1)
         means = cells.average(picture)
         direction, _ = master_directions(LOOP_SIZE)
         full = cells.count >= 4
@@ -40,40 +40,42 @@ class TestCells:
     def test_a_picture_and_its_photograph_have_the_same_means(self, cells: LoopCells) -> None:
         direction, _ = master_directions(300)
         master = np.abs(direction).astype(np.float32)
-        where = master_pixels(cells.direction, 300)
+        where = master_pixels(master_directions(2 * LOOP_SIZE)[0], 300)
         photograph = sample(master, where)
         np.testing.assert_allclose(
-            cells.average_master(master), cells.average(photograph), atol=FLOAT32
+            cells.average_of(master), cells.average(photograph), atol=FLOAT32
         )
 
 
 class TestLoop:
-    def test_cells_at_a_limit_are_not_free(self, loop: DomeLoop) -> None:
+    def test_cells_at_a_limit_are_not_free(self, loop: PictureLoop) -> None:
         elevation = np.arcsin(np.clip(loop.direction[..., 2], -1, 1))
         assert loop.free[elevation > np.radians(26)].all()
         assert not loop.free[elevation < np.radians(14)].any()
         assert loop.known[(elevation > np.radians(15)) & (elevation < np.radians(17))].all()
 
-    def test_the_predicted_photograph_changes_nothing(self, loop: DomeLoop, direct: Image) -> None:
+    def test_the_predicted_photograph_changes_nothing(
+        self, loop: PictureLoop, direct: Image
+    ) -> None:
         loop.update(loop.goal, _sigma(), 4)
         assert np.abs(loop.correction[loop.free]).max() < 2e-4
         np.testing.assert_array_equal(loop.state.scatter_factor, 1)
 
     def test_one_step_is_enough_for_a_known_plant(
-        self, loop: DomeLoop, cells: LoopCells, calibration: Calibration, direct: Image
+        self, loop: PictureLoop, cells: LoopCells, calibration: Calibration, direct: Image
     ) -> None:
         """Preconditioned by the dome's own scatter, the loop is dead-beat."""
         ripple = 0.02 * np.sin(8 * master_directions(SIZE)[0]).astype(np.float32)
         dimmed = direct * (1 + ripple)
-        loop.update(cells.average_master(observed(calibration, dimmed)), _sigma(), 4)
+        loop.update(cells.average_of(observed(calibration, dimmed)), _sigma(), 4)
         after = observed(calibration, loop.picture * (1 + ripple))
-        before = loop.residual(cells.average_master(observed(calibration, dimmed)))
-        left = loop.residual(cells.average_master(after))
+        before = loop.residual(cells.average_of(observed(calibration, dimmed)))
+        left = loop.residual(cells.average_of(after))
         inner = loop.free & (loop.direction[..., 2:] > np.sin(np.radians(30)))  # clear of the edge
         assert np.abs(left[inner]).mean() < 0.03 * np.abs(before[inner]).mean()
 
     def test_corrected_light_stays_within_the_limits(
-        self, loop: DomeLoop, calibration: Calibration
+        self, loop: PictureLoop, calibration: Calibration
     ) -> None:
         for _ in range(4):
             loop.update(0.3 * loop.goal, _sigma(), 4)
@@ -97,7 +99,7 @@ class TestLoop:
         )
         above = np.arcsin(np.clip(master_directions(SIZE)[0][..., 2], -1, 1))
         asked = np.where((above < np.radians(45))[..., None], 2 * direct, direct)
-        loop = DomeLoop(replace(calibration, maps=maps), cells, asked, asked)
+        loop = PictureLoop(replace(calibration, maps=maps), cells, asked, asked)
         rim = (above > np.radians(25)) & (above < np.radians(40))
         np.testing.assert_allclose(loop.picture[rim], 0.6, rtol=1e-5)
 
@@ -108,7 +110,7 @@ class TestLoop:
         covered = np.zeros((96, 96), bool)
         covered[30:50, 30:50] = True
         maps = replace(calibration.maps, protected=Mask("screen", covered))
-        loop = DomeLoop(replace(calibration, maps=maps), cells, direct, direct)
+        loop = PictureLoop(replace(calibration, maps=maps), cells, direct, direct)
         loop.update(loop.goal - 0.1, _sigma(), 4)
         there = maps.is_protected(master_pixels(master_directions(SIZE)[0], 96))
         np.testing.assert_array_equal(loop.picture[there], direct[there])
@@ -121,7 +123,7 @@ class TestLoop:
         with pytest.raises(
             NotEnoughData, match=r"limits of the projectors hold everywhere .* mid-tones"
         ):
-            DomeLoop(calibration, cells, black, black)
+            PictureLoop(calibration, cells, black, black)
 
 
 class TestNodes:
@@ -140,7 +142,7 @@ class TestNodes:
 class TestLearn:
     @pytest.mark.parametrize("photographs", [1, 4, 16])
     def test_the_mean_of_n_photographs_is_uncertain_by_sigma_over_root_n(
-        self, loop: DomeLoop, monkeypatch: pytest.MonkeyPatch, photographs: int
+        self, loop: PictureLoop, monkeypatch: pytest.MonkeyPatch, photographs: int
     ) -> None:
         learnt: list[LoopObservation] = []
         monkeypatch.setattr(loop.state, "learn", learnt.append)
@@ -150,7 +152,7 @@ class TestLearn:
         assert learnt[0].photographs == photographs
 
     def test_stray_light_of_a_bright_neighbour_is_part_of_the_uncertainty(
-        self, loop: DomeLoop, monkeypatch: pytest.MonkeyPatch
+        self, loop: PictureLoop, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         """A twentieth of the step from 0.5 to black, up to three cells from it; noise is far smaller."""
         learnt: list[LoopObservation] = []
@@ -166,12 +168,17 @@ class TestLowPass:
         self, calibration: Calibration
     ) -> None:
         assert low_pass_cells(_registered(calibration, 0.2)) == 0
-        assert low_pass_cells(_registered(calibration, CELL_ARCMIN / np.sqrt(12) / 2)) == 0
+        assert (
+            low_pass_cells(
+                _registered(calibration, cell_arcmin(calibration.screen) / np.sqrt(12) / 2)
+            )
+            == 0
+        )
 
     def test_is_twice_the_registration_error_together_with_the_cells(
         self, calibration: Calibration
     ) -> None:
-        sigma = low_pass_cells(_registered(calibration, CELL_ARCMIN))
+        sigma = low_pass_cells(_registered(calibration, cell_arcmin(calibration.screen)))
         assert np.hypot(sigma, 1 / np.sqrt(12)) == pytest.approx(2, rel=1e-6)
 
     def test_removes_fine_structure_from_the_correction(
@@ -180,8 +187,8 @@ class TestLowPass:
         rows = np.indices((LOOP_SIZE, LOOP_SIZE))[0][..., None]
         stripes = np.where(rows % 2, 0.01, -0.01) * np.ones(3)
         sizes = []
-        for arcmin in (0.2, CELL_ARCMIN):
-            loop = DomeLoop(_registered(calibration, arcmin), cells, direct, direct)
+        for arcmin in (0.2, cell_arcmin(calibration.screen)):
+            loop = PictureLoop(_registered(calibration, arcmin), cells, direct, direct)
             loop.learn(loop.goal + stripes, _sigma(), 4)
             fine = np.diff(loop._whole(loop.state.surplus), axis=0)
             sizes.append(float(np.abs(fine[loop.free[1:] & loop.free[:-1]]).mean()))

@@ -5,9 +5,10 @@ import pytest
 from small_loop import LOOP_SIZE, observed
 from tolerances import FLOAT32
 
-from procam.estimate.closed_loop.dome import DomeLoop, LoopCells
 from procam.estimate.closed_loop.gains import COMMON_SIGMA
+from procam.estimate.closed_loop.picture_loop import LoopCells, PictureLoop
 from procam.estimate.closed_loop.refined import with_gains, with_scatter
+from procam.maths.geometry.canvas import STANDARD
 from procam.maths.geometry.sphere import master_directions
 from procam.model.calibration import Calibration
 
@@ -15,7 +16,7 @@ Image = np.ndarray
 
 
 @pytest.fixture
-def refined(loop: DomeLoop, calibration: Calibration) -> Calibration:
+def refined(loop: PictureLoop, calibration: Calibration) -> Calibration:
     """By gains 5 % too low everywhere and 10 % more scatter."""
     factor = np.full((LOOP_SIZE, LOOP_SIZE, 3), 0.95)
     return with_gains(with_scatter(calibration, np.full(3, 1.1)), factor)
@@ -28,7 +29,7 @@ def test_gains_multiply_the_projectors(calibration: Calibration, refined: Calibr
         np.testing.assert_allclose(gain[high], 0.95 * old.photometry.gain[high], rtol=1e-4)
 
 
-def test_gains_are_light_got_per_light_asked(loop: DomeLoop) -> None:
+def test_gains_are_light_got_per_light_asked(loop: PictureLoop) -> None:
     loop.state.surplus = -0.05 * loop._asked[loop._inside]
     factor = loop.gain_factor()
     np.testing.assert_allclose(factor[loop.free], 0.95, atol=COMMON_SIGMA**2 / 0.05)
@@ -42,15 +43,15 @@ def test_cells_that_no_pixel_sees_follow_their_neighbours(
     direction, inside = master_directions(2 * LOOP_SIZE)
     inside = inside & (direction[..., 2] > 0.02)
     inside[LOOP_SIZE : LOOP_SIZE + 2] = False  # a row of cells at the zenith
-    few = LoopCells.of(direction.astype(np.float32), inside)
-    loop = DomeLoop(calibration, few, direct, observed(calibration, direct))
+    few = LoopCells.of(STANDARD, direction.astype(np.float32), inside)
+    loop = PictureLoop(calibration, few, direct, observed(calibration, direct))
     loop.state.surplus = -0.05 * loop._asked[loop._inside]
     hole = (LOOP_SIZE // 2, slice(LOOP_SIZE // 2 - 5, LOOP_SIZE // 2 + 5))
     assert (few.count[hole] == 0).all()
     np.testing.assert_allclose(loop.gain_factor()[hole], 0.95, atol=COMMON_SIGMA**2 / 0.05)
 
 
-def test_dark_cells_teach_no_gain(loop: DomeLoop) -> None:
+def test_dark_cells_teach_no_gain(loop: PictureLoop) -> None:
     """Where a thousandth of white is asked for, a surplus is scattered light or noise."""
     asked = loop._asked[loop._inside]
     loop.state.surplus = np.where(asked < 0.02, 0.2 * asked, -0.05 * asked)
