@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -137,7 +137,8 @@ class Material:
             shown = self.truth.pictures
             return self._seen(shown["none"], shown.get("refined", shown["exact"]), "simulator")
         if self.loop:
-            return self._seen(self.photographs["before"], self.photographs["after"], "camera")
+            seen = self._seen(self.photographs["before"], self.photographs["after"], "camera")
+            return replace(seen, free=self.photographs["free"])  # less what the camera does not see
         before, after = self.pictures["uncompensated"], self.pictures["compensated"]
         return self._seen(before, after, "prediction")
 
