@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from procam.estimate.closed_loop import dome
+from procam.estimate.closed_loop import picture_loop
 from procam.estimate.closed_loop.refined import with_gains, with_scatter
 from procam.files.calibration import load_calibration
 from procam.files.venue.load import load_venue
@@ -60,7 +60,7 @@ JUDGED: dict[str, Callable[[int], Image]] = {
 def spoilt(calibration: Calibration, gain: float, scatter: float) -> Calibration:
     """A calibration with gains wrong by `gain` rms, two thirds of its variance per colour."""
     rng = np.random.default_rng(3)
-    direction, _ = master_directions(dome.LOOP_SIZE)
+    direction, _ = master_directions(picture_loop.LOOP_SIZE)
     maps = [
         direction @ rng.normal(size=3) + (direction @ rng.normal(size=3)) ** 2 for _ in range(4)
     ]

@@ -5,6 +5,7 @@ What is wrong is raised as ValueError; `load_calibration` adds the file's name a
 
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -28,7 +29,7 @@ ANY: Bounds = (-1e9, 1e9)  # of lengths, angles and pixels: wider than any rig
 POSITIVE: Bounds = (1e-9, 1e9)
 SHARE: Bounds = (0.0, 1.0)
 ROOMS = ("box", "cylinder")
-MOVED: Bounds = (-1.0, 1.0)  # of the seven numbers of a wall [m, rad]: more is another room
+MOST_MOVED_M = 1.0  # of a wall: more is another room
 ANGLE: Bounds = (-2 * np.pi, 2 * np.pi)
 FIELD_OF_VIEW: Bounds = (0.1, 2 * np.pi)
 PIXELS: Bounds = (1, 65536)
@@ -104,17 +105,27 @@ def _room(entry: dict[str, Any]) -> RoomScreen:
         (str(n), *numbers({"albedo": pair}, "albedo", (2,), SHARE).tolist())
         for n, *pair in entry["others"]
     ]
-    moved = [
-        (str(name), tuple(numbers({"moved": by}, "moved", (7,), MOVED).tolist()))
-        for name, by in entry.get("moved", [])
-    ]
-    found = RoomScreen(
-        str(entry["kind"]), (size[0], size[1], size[2]), lit, tuple(others), tuple(moved)
-    )
-    if found.kind not in ROOMS or set(lit) | {n for n, *_ in others} != set(found.room.names):
+    drawn = RoomScreen(str(entry["kind"]), (size[0], size[1], size[2]), lit, tuple(others))
+    if drawn.kind not in ROOMS or set(lit) | {n for n, *_ in others} != set(drawn.room.names):
         raise ValueError(
-            f"a screen of kind {found.kind[:40]!r} with the parts {lit} is none that procam makes"
+            f"a screen of kind {drawn.kind[:40]!r} with the parts {lit} is none that procam makes"
         )
+    return _with_moved(drawn, entry.get("moved", []))
+
+
+def _with_moved(drawn: RoomScreen, entries: list[Any]) -> RoomScreen:
+    """The room with walls that are not where they were drawn."""
+    if not entries:
+        return drawn
+    moved = {
+        str(name): tuple(numbers({"moved": by}, "moved", (7,), ANY).tolist())
+        for name, by in entries
+    }
+    if len(moved) != len(entries) or not set(moved) <= set(drawn.lit):
+        raise ValueError(f"moved walls {list(moved)} are not some of the lit {list(drawn.lit)}")
+    found = replace(drawn, moved=tuple(moved.items()))
+    if np.abs(found.room.vertices - drawn.room.vertices).max() > MOST_MOVED_M:
+        raise ValueError(f"walls moved by more than {MOST_MOVED_M:g} m")
     return found
 
 

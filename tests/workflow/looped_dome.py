@@ -9,7 +9,7 @@ import pytest
 from tiny_venue import TINY_PAIR, quick_simulator
 
 from procam.arrays import Image
-from procam.estimate.closed_loop import dome as closed_loop
+from procam.estimate.closed_loop import picture_loop as closed_loop
 from procam.maths.geometry.sphere import master_directions
 
 MASTER, CELLS = 128, 48

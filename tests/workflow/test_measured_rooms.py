@@ -103,7 +103,7 @@ def test_the_albedo_is_that_of_the_paint(room: Room) -> None:
     assert ((low < true) & (true < high)).all()
     moved = calibration.screen.moved  # type: ignore[union-attr]
     noted = [(note.code, note.subject) for note in calibration.provenance.notes]
-    assert noted == ([("wall off", "wall floor")] if moved else [])
+    assert noted == ([("wall off", "floor")] if moved else [])
     for _, albedo, sigma in calibration.screen.others:  # type: ignore[union-attr]
         assert abs(albedo - 0.2) < 3 * sigma
 

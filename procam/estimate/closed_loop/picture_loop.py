@@ -67,8 +67,9 @@ class LoopCells:
 
     def average_of(self, picture: Image) -> Array:
         """Cell means (N, M, C) of a picture on the canvas, sampled where the camera's pixels look."""
-        rows, columns = picture.shape[:2]
-        return self._means(sample(picture, self.place * (columns, rows) - 0.5)[self.use])
+        size = np.array(picture.shape[1::-1])
+        where = np.clip(self.place * size - 0.5, 0, size - 1)
+        return self._means(sample(picture, where)[self.use])
 
     def _means(self, values: Image) -> Array:
         sums = [np.bincount(self.index, values[:, c], self.count.size) for c in range(3)]

@@ -66,8 +66,10 @@ def _regained(
 
 def _factor_at(factor: Array, where: FloatArray, maps: ScreenMaps) -> Image:
     """The factor at positions (..., 2) of the maps [px]; 1 where the picture is protected."""
-    share = np.array(factor.shape[1::-1]) / maps.coverage.shape[::-1]
-    cell = (where + 0.5) * share - 0.5
+    cells, pixels = np.array(factor.shape[1::-1]), np.array(maps.coverage.shape[::-1])
+    cell = (where + 0.5) * cells / pixels - 0.5
+    inside = ((where > -1) & (where < pixels)).all(axis=-1, keepdims=True)
+    cell = np.where(inside, np.clip(cell, 0, cells - 1), cell)
     at = sample(factor, cell, outside=1.0)
     at[maps.is_protected(where)] = 1.0
     return at

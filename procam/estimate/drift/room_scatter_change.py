@@ -16,18 +16,25 @@ from procam.model.calibration import Calibration
 from procam.model.screen import RoomScreen
 from procam.model.transport import Measured
 
+FEWEST = 2  # projectors: one gives no estimate of its own error
+LEAST_DARK = 0.05  # of the lit parts that the camera sees
 ROUNDS, SAME = 20, 1e-4  # of the iteration for the ratio
 TOLERANCE = 1e-4  # of the brightest irradiance
 
 
 def room_scatter_ratio(
     calibration: Calibration, before: VenuePhotographs, now: VenuePhotographs, names: Sequence[str]
-) -> Measured:
-    """Scattered light per direct light over that of before (3,), by the whites of two projectors or more."""
+) -> Measured | None:
+    """Scattered light per direct light over that of before (3,), by the whites of some projectors.
+
+    None if it is seen beside the direct light of fewer than `FEWEST`.
+    """
     old, new = (_seen_factors(calibration, each, names) for each in (before, now))
     ratio = new / old
-    value = ratio.mean(axis=0)
-    spread = ratio.std(axis=0, ddof=1) / np.sqrt(len(names))
+    ratio = ratio[np.isfinite(ratio).all(axis=1)]
+    if len(ratio) < FEWEST:
+        return None
+    value, spread = ratio.mean(axis=0), ratio.std(axis=0, ddof=1) / np.sqrt(len(ratio))
     return Measured(value, np.hypot(spread, UNSEEN_SIGMA * (value - 1)))
 
 
@@ -60,14 +67,17 @@ class RoomScattering:
     def factor(self, name: str, light: Image) -> Array:
         """Scattered light over that of the calibration (3,), in a projector's white (H, W, 3) without black.
 
-        It is seen alone where no direct light falls.
+        It is seen alone where no direct light falls; NaN if that is hardly anywhere.
         """
         height, width = self._calibration.projectors[name].model.size[::-1]
         picture = np.ones((height, width, 1), np.float32)
         lit = expected_light(self._calibration, self._view, name, picture) > 0
         finite, near = np.isfinite(light).all(axis=-1), grow(lit, CLEAR_CAMERA_PX)
         on_canvas = self._paint[..., GREEN] > 0
-        weight = self._view.weight * (self._view.on_screen & on_canvas & finite & ~near)
+        canvas = self._view.weight * (self._view.on_screen & on_canvas & finite)
+        weight = canvas * ~near
+        if weight.sum() < LEAST_DARK * canvas.sum():
+            return np.full(3, np.nan)
         direct = np.where((near & self._view.on_screen)[..., None], np.nan_to_num(light), 0)
         seen, found = np.tensordot(weight, np.nan_to_num(light), 2), np.ones(3)
         for _ in range(ROUNDS):

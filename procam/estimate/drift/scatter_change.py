@@ -6,15 +6,17 @@ import numpy as np
 
 from procam.arrays import Array, Image
 from procam.estimate.drift.pictures import PanelGrid, VenuePhotographs
-from procam.estimate.drift.room_scatter_change import content_light, room_scatter_ratio
-from procam.estimate.light.audience import AudienceView, ZoneObservation
+from procam.estimate.drift.room_scatter_change import (
+    FEWEST,
+    content_light,
+    room_scatter_ratio,
+)
+from procam.estimate.light.audience import GREEN, AudienceView, ZoneObservation
 from procam.maths.warp import sample
 from procam.model.calibration import Calibration
 from procam.model.screen import RoomScreen
 from procam.model.transport import Measured
 
-FEWEST = 2  # projectors: one gives no estimate of its own error
-GREEN = 1
 LEAST_SIGMA = 5e-5  # of white
 
 

@@ -34,6 +34,7 @@ from procam.estimate.geometry.start import ProjectorPrior
 from procam.kernels import ShapeDerivatives
 from procam.maths.geometry.lenses import lens_parameters, unproject
 from procam.maths.geometry.ray_to_screen import RoundShape
+from procam.maths.mesh.shape import MeshShape
 from procam.maths.statistics import robust_sigma_2d
 from procam.model.optics import CameraModel, Distance, Fiducial
 
@@ -240,7 +241,9 @@ class Adjustment:
             self._update_derivatives(rig)
             if gain < CONVERGED and damping < UNDAMPED:
                 return rig
-            if not robust and best.stalls(rig, self._cost(rig, scale, robust, moved, 0 * step)):
+            if robust or not isinstance(rig.shape, MeshShape):
+                continue
+            if best.stalls(rig, self._cost(rig, scale, robust, moved, 0 * step)):
                 return best.rig
         if robust:
             return rig  # a start for the next solve

@@ -22,14 +22,15 @@ CONTRADICTS = (
 class MovedWall:
     """A wall that is not where it was drawn.
 
-    `outwards_m` is by how much its middle is further out, with `sigma_m`; `most_m` the
-    largest displacement on it.
+    `outwards_m` is by how much its mean is further out, with `sigma_m`; `most_m` the largest displacement
+    on it, with `most_sigma_m`.
     """
 
     name: str
     outwards_m: float
     sigma_m: float
     most_m: float
+    most_sigma_m: float
 
 
 def with_walls(
@@ -77,6 +78,6 @@ def _moved_wall(shape: MeshShape, variance: Array, part: int, name: str) -> Move
     own = mesh.moves.part == part
     ways = outwards(mesh.vertices, mesh.faces[shape.part == part], mesh.moves.numbers[own])
     by = shape.radius_m * shape.moves[own] @ ways
-    mean = ways.mean(axis=1)
-    sigma = np.sqrt(mean @ variance[np.ix_(own, own)] @ mean)
-    return MovedWall(name, float(by.mean()), float(sigma), float(np.abs(by).max()))
+    mean, there = ways.mean(axis=1), ways[:, np.abs(by).argmax()]
+    sigma, most = (np.sqrt(way @ variance[np.ix_(own, own)] @ way) for way in (mean, there))
+    return MovedWall(name, float(by.mean()), float(sigma), float(np.abs(by).max()), float(most))

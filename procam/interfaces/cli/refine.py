@@ -51,10 +51,11 @@ def refine(
     calibration = load_calibration(kept)
     if picture:
         require_standard_canvas(calibration, "--picture", "leave it out to refine on half a sky")
-    content, note = half_sky(calibration.maps.size, calibration.screen), ""
     if picture:
         content, note = read_picture(picture)
         canvas_size(content, str(picture), calibration)
+    else:
+        content, note = half_sky(calibration.maps.size, calibration.screen), ""
     with recorded(venue, "refine"):
         try:
             of = f"{kept.name} {digest(content)}"

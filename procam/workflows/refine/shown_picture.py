@@ -162,7 +162,8 @@ class Trial:
         found = largest_regression(first, last, noise, self.free.reshape(flat), loop.block.ravel())
         if found is None:
             return ""
-        where = loop.direction.reshape(flat)[found.place].mean(axis=0)
+        there = loop.direction.reshape(flat)[found.place]
+        where = there[np.argmax(there @ there.mean(axis=0))]  # in a room the mean may be on no wall
         place = self.before.calibration.screen.named(where)
         return (
             f"{PRIMARIES[found.channel]} light at {place}, in the {self.name}, was off by "

@@ -95,18 +95,23 @@ def _lens_notes(problem: RigProblem, found: GeometrySolution) -> list[Note]:
 def _wall_notes(walls: Sequence[MovedWall]) -> list[Note]:
     """Walls that are so far from where venue.toml has them that its dimensions are worth correcting."""
     return [
-        Note(
-            "wall off",
-            f"wall {wall.name}",
-            f"it is {1e3 * abs(wall.outwards_m):.0f} +- {1e3 * wall.sigma_m:.0f} mm further "
-            f"{'out' if wall.outwards_m > 0 else 'in'} than venue.toml says, and up to "
-            f"{1e3 * wall.most_m:.0f} mm at its edges. The calibration has it where it is; measure it, and "
-            "correct [screen] if the difference is large",
-            wall.most_m / NOTED_M,
-        )
-        for wall in walls
-        if wall.most_m > max(NOTED_M, NOTED_SIGMAS * wall.sigma_m)
+        Note("wall off", each.name, _off(each), each.most_m / NOTED_M)
+        for each in walls
+        if each.most_m > max(NOTED_M, NOTED_SIGMAS * each.most_sigma_m)
     ]
+
+
+def _off(wall: MovedWall) -> str:
+    """How a wall is off, and what to do."""
+    far, sigma, most = (1e3 * x for x in (abs(wall.outwards_m), wall.sigma_m, wall.most_m))
+    has = "The calibration has it where it is"
+    if far < NOTED_SIGMAS * sigma:
+        return f"it is tilted or shifted by up to {most:.0f} mm against venue.toml. {has}"
+    side = "farther from" if wall.outwards_m > 0 else "nearer to"
+    return (
+        f"it is {far:.0f} +- {sigma:.0f} mm {side} the middle of the room than venue.toml says, and up to "
+        f"{most:.0f} mm at its edges. {has}; measure it, and correct [screen] if that is much"
+    )
 
 
 def _verdict_on_room(systematic_ratio: float, ratio: str, walls: Sequence[MovedWall]) -> str:
