@@ -2,13 +2,12 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
-from procam.arrays import Array, Array32, BoolArray, Image
+from procam.arrays import Array, BoolArray, Image
 from procam.estimate.closed_loop.scatter import PatchScatter, Scatter
-from procam.maths.fixed_point import fixed_point
+from procam.estimate.light.room_view import settled_by
 from procam.maths.light.scatter_kernel import basis
 from procam.maths.warp import pixel_places, sample
 from procam.model.calibration import Calibration
@@ -46,14 +45,14 @@ class RoomCells:
     screen: RoomScreen
     size: int
     paint: Image
-    albedo: Array32
+    albedo: Array
 
     @classmethod
     def of_maps(cls, screen: RoomScreen, maps: ScreenMaps, size: int) -> "RoomCells":
         """Those of a calibration's maps."""
         raster = screen.canvas.raster(size)
         paint = sample(maps.albedo, pixel_places(raster.face.shape, maps.coverage.shape))
-        return cls(screen, size, paint, screen.face_albedo(raster.mean(paint)).astype(np.float32))
+        return cls(screen, size, paint, screen.face_albedo(raster.mean(paint)))
 
     def of(self, direct: Array) -> Array:
         """See `Scatter`."""
@@ -77,17 +76,16 @@ class RoomCells:
 
     def _settled(self, sent: Callable[[Array], Array]) -> Array:
         """Scattered light (n, 3) of direct light that is sent where it is known."""
-        nothing = np.zeros(self.albedo.shape, np.float32)
-        return self._scattered(fixed_point(partial(self._step, sent), nothing, TOLERANCE))
-
-    def _step(self, sent: Callable[[Array], Array], irradiance: Array32) -> Array32:
-        """The irradiance (F, 3) of faces after one more bounce."""
         raster = self.screen.canvas.raster(self.size)
         picture = np.zeros((*raster.face.shape, 3), np.float32)
-        picture[raster.lit] = sent(self._scattered(irradiance))
-        return self.screen.factors.gather(raster.mean(picture) + self.albedo * irradiance)
 
-    def _scattered(self, irradiance: Array32) -> Array:
+        def direct(irradiance: Array) -> Array:
+            picture[raster.lit] = sent(self._scattered(irradiance))
+            return raster.mean(picture)
+
+        return self._scattered(settled_by(self.screen.factors, self.albedo, direct, TOLERANCE))
+
+    def _scattered(self, irradiance: Array) -> Array:
         """Light (n, 3) that cells scatter."""
         raster = self.screen.canvas.raster(self.size)
         return np.asarray((raster.field(irradiance) * self.paint)[raster.lit], float)

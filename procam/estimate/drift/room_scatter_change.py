@@ -8,9 +8,8 @@ from procam.arrays import Array, BoolArray, Image
 from procam.estimate.drift.pictures import VenuePhotographs
 from procam.estimate.geometry.camera_view import ScreenView
 from procam.estimate.light.audience import GREEN, UNSEEN_SIGMA, expected_light
-from procam.estimate.light.room_view import RoomView
+from procam.estimate.light.room_view import RoomView, settled_by
 from procam.estimate.light.separation import CLEAR_CAMERA_PX
-from procam.maths.fixed_point import fixed_point
 from procam.maths.warp import grow, sample
 from procam.model.calibration import Calibration
 from procam.model.screen import RoomScreen
@@ -91,12 +90,11 @@ class RoomScattering:
     def _scattered(self, light: Image, near: BoolArray, factor: Array) -> Image:
         """Scattered light (H, W, 3) by the calibration, of a picture that is known at `near` places."""
 
-        def step(irradiance: Array) -> Array:
+        def direct(irradiance: Array) -> Array:
             scattered = factor * self._of(irradiance)
-            direct = self._room.mean(np.where(near[..., None], light - scattered, 0))
-            return np.asarray(self._factors.gather(direct + self._albedo * irradiance), float)
+            return self._room.mean(np.where(near[..., None], light - scattered, 0))
 
-        return self._of(fixed_point(step, np.zeros(self._albedo.shape), TOLERANCE))
+        return self._of(settled_by(self._factors, self._albedo, direct, TOLERANCE))
 
     def _of(self, irradiance: Array) -> Image:
         return np.asarray(self._paint * self._room.at_pixels(irradiance))

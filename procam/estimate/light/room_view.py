@@ -1,6 +1,6 @@
 """A room as the main camera sees it: light of its faces, and what of it arrives at them again."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -71,8 +71,15 @@ def _nearest_known(screen: RoomScreen, known: BoolArray) -> IndexArray:
 
 def settled(factors: CompressedFactors, albedo: Array, direct: Array) -> Array:
     """Irradiance (F, C) after all bounces, of direct light (F, C) and an albedo (F, C)."""
+    return settled_by(factors, albedo, lambda _: direct, TOLERANCE)
+
+
+def settled_by(
+    factors: CompressedFactors, albedo: Array, sent: Callable[[Array], Array], tolerance: float
+) -> Array:
+    """Irradiance (F, C) of an albedo (F, C) and of direct light (F, C) that is `sent` for an irradiance."""
 
     def step(irradiance: Array) -> Array:
-        return factors.gather(direct + albedo * irradiance).astype(float)
+        return factors.gather(sent(irradiance) + albedo * irradiance).astype(float)
 
-    return np.asarray(fixed_point(step, np.zeros(direct.shape), TOLERANCE), float)
+    return np.asarray(fixed_point(step, np.zeros(albedo.shape), tolerance), float)

@@ -17,7 +17,7 @@ def cells() -> RoomCells:
     screen = screen.with_others((("back", 0.2, 0.1), ("ceiling", 0.3, 0.1)))
     lit = np.full((len(screen.room.faces), 3), ALBEDO)
     paint = np.full((*screen.canvas.shape(SIZE), 3), ALBEDO, np.float32)
-    return RoomCells(screen, SIZE, paint, screen.face_albedo(lit).astype(np.float32))
+    return RoomCells(screen, SIZE, paint, screen.face_albedo(lit))
 
 
 def _light(cells: RoomCells, seed: int) -> np.ndarray:
@@ -29,7 +29,7 @@ def test_it_is_the_scattered_light_of_the_compensator(cells: RoomCells) -> None:
     raster, direct = cells.screen.canvas.raster(SIZE), np.abs(_light(cells, 1))
     picture = np.zeros((*raster.face.shape, 3), np.float32)
     picture[raster.lit] = direct
-    room = RoomCompensator(raster, cells.screen.factors, np.asarray(cells.albedo, float))
+    room = RoomCompensator(raster, cells.screen.factors, cells.albedo)
     seen = room.none(picture).observed[raster.lit]
     np.testing.assert_allclose(cells.of(direct), seen - direct, atol=2e-4)
 
