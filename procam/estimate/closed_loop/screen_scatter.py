@@ -7,8 +7,8 @@ import numpy as np
 
 from procam.arrays import Array, BoolArray, Image
 from procam.estimate.closed_loop.scatter import PatchScatter, Scatter
-from procam.estimate.light.room_view import settled_by
 from procam.maths.light.scatter_kernel import basis
+from procam.maths.mesh.bounces import settled_by
 from procam.maths.warp import pixel_places, sample
 from procam.model.calibration import Calibration
 from procam.model.screen import RoomScreen

@@ -8,8 +8,9 @@ from procam.arrays import Array, BoolArray, Image
 from procam.estimate.drift.pictures import VenuePhotographs
 from procam.estimate.geometry.camera_view import ScreenView
 from procam.estimate.light.audience import GREEN, UNSEEN_SIGMA, expected_light
-from procam.estimate.light.room_view import RoomView, settled_by
+from procam.estimate.light.room_view import RoomView
 from procam.estimate.light.separation import CLEAR_CAMERA_PX
+from procam.maths.mesh.bounces import settled_by
 from procam.maths.warp import grow, sample
 from procam.model.calibration import Calibration
 from procam.model.screen import RoomScreen

@@ -14,8 +14,9 @@ import numpy as np
 from procam.arrays import Array, BoolArray, Image
 from procam.errors import OutOfModelRange
 from procam.estimate.geometry.camera_view import ScreenView
-from procam.estimate.light.room_view import RoomView, settled
+from procam.estimate.light.room_view import RoomView
 from procam.estimate.light.separation import SeparatedLight
+from procam.maths.mesh.bounces import settled
 from procam.maths.warp import local_median, sample
 from procam.model.screen import RoomScreen
 from procam.model.transport import Measured

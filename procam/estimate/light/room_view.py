@@ -1,18 +1,16 @@
 """A room as the main camera sees it: light of its faces, and what of it arrives at them again."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from procam.arrays import Array, BoolArray, Image, IndexArray
 from procam.estimate.geometry.camera_view import ScreenView
-from procam.maths.fixed_point import fixed_point
-from procam.maths.mesh.compressed import CompressedFactors
+from procam.maths.mesh.bounces import settled
 from procam.model.screen import RoomScreen
 
 SEEN = 0.3  # of a face's area that the camera must see, for its light to be measured
-TOLERANCE = 1e-5  # of the brightest irradiance
 
 
 class RoomView:
@@ -67,19 +65,3 @@ def _nearest_known(screen: RoomScreen, known: BoolArray) -> IndexArray:
         if len(seen) and len(lost):
             like[lost] = seen[cKDTree(middle[seen]).query(middle[lost])[1]]
     return like
-
-
-def settled(factors: CompressedFactors, albedo: Array, direct: Array) -> Array:
-    """Irradiance (F, C) after all bounces, of direct light (F, C) and an albedo (F, C)."""
-    return settled_by(factors, albedo, lambda _: direct, TOLERANCE)
-
-
-def settled_by(
-    factors: CompressedFactors, albedo: Array, sent: Callable[[Array], Array], tolerance: float
-) -> Array:
-    """Irradiance (F, C) of an albedo (F, C) and of direct light (F, C) that is `sent` for an irradiance."""
-
-    def step(irradiance: Array) -> Array:
-        return factors.gather(sent(irradiance) + albedo * irradiance).astype(float)
-
-    return np.asarray(fixed_point(step, np.zeros(albedo.shape), tolerance), float)

@@ -7,7 +7,8 @@ import pytest
 
 import procam.model.screen
 from procam.estimate.light.picture_flux import RoomFlux, picture_flux
-from procam.estimate.light.room_view import RoomView, settled
+from procam.estimate.light.room_view import RoomView
+from procam.maths.mesh.bounces import settled
 from procam.maths.mesh.canvas import MeshCanvas
 from procam.model.screen import RoomScreen
 
