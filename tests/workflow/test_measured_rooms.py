@@ -1,6 +1,6 @@
 """A box and a cylinder from photographs to compensated frames, judged on the simulated walls."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,13 +16,18 @@ from procam.compensate.any_screen import compensator_for
 from procam.compensate.projector_frames import projector_frames
 from procam.estimate.closed_loop.picture_loop import LOOP_SIZE
 from procam.estimate.closed_loop.refined import with_gains
+from procam.estimate.drift.room_scatter_change import RoomScattering, content_light
+from procam.estimate.light.audience import expected_light
+from procam.estimate.light.separation import CLEAR_CAMERA_PX
 from procam.files.calibration import load_calibration, save_calibration
 from procam.files.images.stills import read_picture
 from procam.files.venue.load import load_venue
 from procam.files.versions import calibration_in_use, use_calibration
 from procam.interfaces.cli.main import app
+from procam.maths.warp import grow
 from procam.model.calibration import Calibration
 from procam.workflows.comparison import compare
+from procam.workflows.verify.photographs import read_reference
 from simulators.backend import build_scene
 from simulators.scene import ALL_BANDS, DomeScene, SceneSize
 from simulators.sight_lines import SightLines
@@ -208,6 +213,23 @@ def test_stills_are_on_the_canvas(room: Room, tmp_path: Path) -> None:
     written, _ = read_picture(tmp_path / "stills" / "canvas" / "white.compensated.png")
     assert written.shape[:2] == calibration.canvas.shape(written.shape[1])
     assert "room's canvas" in (tmp_path / "stills" / "index.txt").read_text("utf-8")
+
+
+def test_scattered_light_is_compared_by_form_factors(room: Room) -> None:
+    folder, calibration, _ = room
+    seen = read_reference(load_venue(folder), calibration).photographs
+    name, *_ = seen.projectors
+    white = content_light(calibration, seen.projectors[name].white)
+    scattering = RoomScattering(calibration, seen.view)
+    as_calibrated = scattering.factor(name, white)
+    np.testing.assert_allclose(as_calibrated, 1, atol=0.1)
+    picture = np.ones((*calibration.projectors[name].surface.valid.shape, 1), np.float32)
+    lit = grow(expected_light(calibration, seen.view, name, picture) > 0, CLEAR_CAMERA_PX)
+    more = np.where(lit[..., None], white, 1.2 * white)
+    ratio = scattering.factor(name, more) / as_calibrated
+    assert (ratio > 1.19).all() and (ratio < 1.4).all()  # direct light is what is left of the same
+    nowhere = RoomScattering(calibration, replace(seen.view, on_screen=lit))
+    assert np.isnan(nowhere.factor(name, white)).all()
 
 
 def test_a_calibration_agrees_with_itself(room: Room) -> None:

@@ -128,7 +128,8 @@ def solve_geometry(problem: RigProblem) -> GeometrySolution:
         If there is no solution, or fiducials contradict each other.
     """
     _check_finite(problem.observations)
-    problem, rig = (_on_sphere if problem.shape.is_sphere else _in_room)(problem)
+    place = _in_room if isinstance(problem.shape, MeshShape) else _on_sphere
+    problem, rig = place(problem)
     observations, few = problem.observations, _thinned(problem.observations)
     on_sphere, used = mean_ratio(rig, few), observations
     rig = _with_harmonics(problem, few, rig) if problem.shape.is_sphere else rig
