@@ -264,12 +264,14 @@ def test_the_loop_finds_gains_that_are_off(box: Room) -> None:
 def test_a_projector_that_moved_is_measured_again(box: Room) -> None:
     folder, calibration, _ = box
     name, *_ = calibration.projectors
-    drift = f'drifts = [{{ kind = "turned", size = 0.3, projector = "{name}" }}]'
+    turned = f'{{ kind = "turned", size = 0.3, projector = "{name}" }}'
+    aged = f'{{ kind = "aged", size = 0.1, projector = "{name}" }}'
+    drift = f"drifts = [{turned}, {aged}]"
     with rewritten(folder / "venue.toml", "^preset = .*", f'preset = "standard"\n{drift}'):
         scene = build_scene(load_venue(folder).backends["simulated"], folder)
         done = CliRunner().invoke(app, ["recalibrate", str(folder)])
     assert done.exit_code == 0, done.output
-    assert f"{name} moved" in done.output
+    assert f"{name} measured again" in done.output
     used = calibration_in_use(folder)
     before, after = (
         _off(OnWalls.of(scene, each), "exact") for each in (calibration, load_calibration(used))
