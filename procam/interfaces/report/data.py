@@ -19,7 +19,7 @@ from procam.interfaces.plots.charts import on_canvas
 from procam.interfaces.report.before_after import WHOLE, BeforeAfter, Limits
 from procam.interfaces.report.stored_loop import StoredLoop, read_loop
 from procam.maths.geometry.canvas import STANDARD
-from procam.maths.warp import block_mean, sample
+from procam.maths.warp import block_mean, pixel_places, sample
 from procam.model.calibration import Calibration
 from procam.model.correspondence import ProjectorSurface
 from procam.model.screen import ContentCanvas, Dome, Screen
@@ -127,7 +127,7 @@ class Material:
         """Where (H, W) the picture is left as it is."""
         assert self.calibration is not None
         maps, inside = self.calibration.maps, self.inside(size)
-        return maps.is_protected(places(maps.coverage, inside.shape)) & inside
+        return maps.is_protected(pixel_places(inside.shape, maps.coverage.shape)) & inside
 
     def before_after(self) -> BeforeAfter | None:
         """Before and after, from the best source: simulator, then camera, then prediction."""
@@ -220,14 +220,9 @@ def fitted(canvas: ContentCanvas, picture: Image, size: int) -> Image:
     """A picture on a canvas at another width: averaged down, then sampled."""
     shape = canvas.shape(size)
     smaller = block_mean(picture, max(1, picture.shape[1] // size))
-    return smaller if smaller.shape[:2] == shape else sample(smaller, places(smaller, shape))
-
-
-def places(picture: Image, shape: tuple[int, ...]) -> Array:
-    """Positions (h, w, 2) in a picture (H, W) of the pixels of a smaller or larger one of `shape`."""
-    y, x = np.indices(shape)
-    scale = np.array(picture.shape[1::-1]) / np.array(shape[1::-1])
-    return np.asarray((np.stack([x, y], axis=-1) + 0.5) * scale - 0.5)
+    if smaller.shape[:2] == shape:
+        return smaller
+    return sample(smaller, pixel_places(shape, smaller.shape))
 
 
 def _pictures(folder: Path, canvas: ContentCanvas) -> dict[str, Image]:
