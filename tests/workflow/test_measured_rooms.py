@@ -237,17 +237,13 @@ def test_a_calibration_agrees_with_itself(room: Room) -> None:
     assert compare(calibration, calibration).verdict.sound
 
 
-@pytest.fixture
-def box(room: Room) -> Room:
-    """The box as it is drawn."""
-    screen = room[1].screen
-    if screen.moved or screen.kind != "box":  # type: ignore[union-attr]
-        pytest.skip("one room is enough for minutes of photographs")
-    return room
+# one room is enough for minutes of photographs
+the_box = pytest.mark.parametrize("room", ["box"], indirect=True)
 
 
-def test_the_loop_finds_gains_that_are_off(box: Room) -> None:
-    folder, calibration, scene = box
+@the_box
+def test_the_loop_finds_gains_that_are_off(room: Room) -> None:
+    folder, calibration, scene = room
     cells = np.ones((*calibration.canvas.shape(LOOP_SIZE), 3))
     cells += 0.06 * np.sin(np.linspace(0, 9, LOOP_SIZE))[:, None]  # of brightness, along the walls
     wrong = with_gains(calibration, cells)
@@ -261,8 +257,9 @@ def test_the_loop_finds_gains_that_are_off(box: Room) -> None:
     use_calibration(folder, folder / "calibrations" / "0001")
 
 
-def test_a_projector_that_moved_is_measured_again(box: Room) -> None:
-    folder, calibration, _ = box
+@the_box
+def test_a_projector_that_moved_is_measured_again(room: Room) -> None:
+    folder, calibration, _ = room
     name, *_ = calibration.projectors
     turned = f'{{ kind = "turned", size = 0.3, projector = "{name}" }}'
     aged = f'{{ kind = "aged", size = 0.1, projector = "{name}" }}'
