@@ -1,8 +1,8 @@
 """The venue.toml of a simulated venue, with what an owner would know of it.
 
-`python -m simulators.template PRESET` (or `server`, `small`, `six-projectors`, `box`, `cylinder`) prints one;
-it wrote those in calib_data/venues. The module is longer than 300 lines because domes, rooms and servers
-share the parts of the file.
+`python -m simulators.template PRESET` (or `server`, `small`, `six-projectors`, `box`, `cylinder`, `room`)
+prints one; it wrote those in calib_data/venues. The module is longer than 300 lines because domes, rooms
+and servers share the parts of the file.
 """
 
 import json
@@ -19,6 +19,7 @@ from simulators.builds import CameraBuild
 from simulators.drawn_rooms import CLICK_PX, GLARE_SHARE, SURVEY_DEG, Known, draw_room, known_camera
 from simulators.placement import place_cameras, place_projectors
 from simulators.presets import PRESETS, Overrides, Preset, PresetName, white_exposure_s
+from simulators.room_obj import L_LENGTHS, L_LIT, MESH_KEYS
 from simulators.scene import SceneSize
 from simulators.server import NAME as SERVER
 from simulators.surface import Surface
@@ -41,6 +42,7 @@ ROOMS: dict[str, tuple[dict[str, float], tuple[str, ...]]] = {
         ("left", "front", "right", "floor"),
     ),
     "cylinder": ({"radius_m": 5.0, "arc_deg": 120.0, "height_m": 3.0}, ("wall",)),
+    "L": (L_LENGTHS, L_LIT),
 }
 MARKS_AT = ((0.08, 0.12), (0.92, 0.12), (0.5, 0.5), (0.08, 0.88), (0.92, 0.88))  # of each lit wall
 SURVEY_M = 0.003  # standard error of a mark's position
@@ -101,7 +103,10 @@ def walls_text(
     patch_m: float = 0.25,
     **built: float,
 ) -> str:
-    """A complete venue.toml of a "box" or a "cylinder"; `built` are lengths that its owner has wrong."""
+    """A complete venue.toml of a "box", a "cylinder" or an "L"; `built` are lengths that its owner has wrong.
+
+    An L is a mesh, whose file is that of `room_obj.obj_text`.
+    """
     preset, size = PRESETS[preset_name], size or SceneSize(cameras=2)
     stated, lit = ROOMS[kind]
     walls = walls_of(kind, stated | built)
@@ -133,12 +138,13 @@ def _room_head(kind: str, lengths: dict[str, float], lit: Sequence[str], size: S
     which = (
         f"lit = {json.dumps(list(lit))}   # parts that projectors light\n" if kind == "box" else ""
     )
+    shape = MESH_KEYS if kind == "L" else f'kind = "{kind}"\n{numbers}{which}'
+    title = {"L": "room of the shape of an L"}.get(kind, kind)
     return f"""\
-# A simulated {kind}. It has every key that a real venue needs, with its unit.
+# A simulated {title}. It has every key that a real venue needs, with its unit.
 
 [screen]
-kind = "{kind}"
-{numbers}{which}other_albedo = {OTHER_ALBEDO}          # an estimate for the parts that are not lit, and its
+{shape}other_albedo = {OTHER_ALBEDO}          # an estimate for the parts that are not lit, and its
 other_albedo_sigma = 0.05   # standard error; what cameras see of them is measured
 {map_size}"""
 
@@ -146,8 +152,12 @@ other_albedo_sigma = 0.05   # standard error; what cameras see of them is measur
 def _wall_fiducials(
     camera: CameraBuild, known: Sequence[Wall], surface: WalledSurface, rng: np.random.Generator
 ) -> str:
-    """Marks on lit walls where a camera sees them, by what the owner knows of the room."""
-    corners, lines = canvas_corners(known, surface.lit), []
+    """Marks on lit walls where a camera sees them, by what the owner knows of the room.
+
+    They are on the canvas, but in space in an L, of which a mesh is known.
+    """
+    is_mesh = "inner-front" in (wall.name for wall in known)
+    corners, lines = {} if is_mesh else canvas_corners(known, surface.lit), list[str]()
     survey_rng = np.random.default_rng(OWNER_SEED)  # the same errors for all cameras
     survey = {
         (wall.name, number): SURVEY_M * survey_rng.normal(size=2)
@@ -155,22 +165,23 @@ def _wall_fiducials(
         for number in range(len(MARKS_AT))
     }
     for built, wall in zip(surface.walls, known, strict=True):
-        for number, (u, v) in enumerate(MARKS_AT if wall.name in corners else ()):
-            point = built.points(np.array(u), np.array(v))
+        for number, at in enumerate(MARKS_AT if wall.name in surface.lit else ()):
+            point = built.points(*np.array(at))
             pixel = camera.pixels(camera.camera_from_dome.apply(point)) + CLICK_PX * rng.normal(
                 size=2
             )
             if not camera_sees(camera, surface, point, pixel):
                 continue
-            at = (
-                np.array(corners[wall.name])
-                + np.array([u, v]) * wall.size_m
-                + survey[wall.name, number]
-            )
+            off = survey[wall.name, number]
+            if wall.name in corners:
+                place = np.array(corners[wall.name]) + np.array(at) * wall.size_m + off
+            else:
+                place = wall.points(*(np.array(at) + off / wall.size_m))
+            key = "canvas_m" if wall.name in corners else "point_m"
             lines.append(f"""\
 [[fiducials]]
 name = "{wall.name}-{number + 1}"
-canvas_m = [{at[0]:.4f}, {at[1]:.4f}]
+{key} = [{", ".join(f"{x:.4f}" for x in place)}]
 sigma_m = {SURVEY_M}
 camera = "{camera.name}"
 pixel = [{pixel[0]:.2f}, {pixel[1]:.2f}]
@@ -353,8 +364,8 @@ def example_text(name: str) -> str:
         return server_text()
     if name in SIZES:
         return venue_text("standard", SIZES[name])
-    if name in ROOMS:
-        return walls_text(name)
+    if name in ROOMS or name == "room":
+        return walls_text("L" if name == "room" else name)
     return venue_text(name)  # type: ignore[arg-type]
 
 

@@ -30,7 +30,6 @@ def place_wall_projectors(
 ) -> list[ProjectorBuild]:
     """A projector for each lit flat wall, named after it, and `count` along an arc."""
     rng = np.random.default_rng(surface.preset.rig_seed)
-    room_m = np.ptp(_corners(surface.walls), axis=0)
     builds = list[ProjectorBuild]()
     for wall in surface.walls:
         if wall.name not in surface.lit:
@@ -38,7 +37,7 @@ def place_wall_projectors(
         if isinstance(wall, ArcWall):
             builds += [_on_arc(wall, i, count, size, rng) for i in range(count)]
         else:
-            builds.append(_before(wall, room_m, size, rng))
+            builds.append(_before(wall, surface, size, rng))
     return builds
 
 
@@ -71,16 +70,17 @@ def _corners(walls: Sequence[Wall]) -> Array:
 
 
 def _before(
-    wall: Wall, room_m: Array, size: tuple[int, int], rng: np.random.Generator
+    wall: Wall, surface: WalledSurface, size: tuple[int, int], rng: np.random.Generator
 ) -> ProjectorBuild:
     """A projector opposite of a flat wall, whose shifted lens makes its picture cover the wall."""
+    height_m = float(np.ptp(_corners(surface.walls)[:, 2]))
     middle = wall.points(np.array(0.5), np.array(0.5))
     inwards = wall.inwards(middle)
     level = abs(inwards[2]) < 0.5
     across_m, down_m = wall.size_m
-    deepest = float(FARTHEST * np.abs(room_m @ inwards))
+    deepest = FARTHEST * float(surface.cast(middle, inwards[None]).distance[0])
     distance = min(1.2 * across_m, deepest)
-    rise = NEAR_CEILING * room_m[2] if level else 0.0
+    rise = NEAR_CEILING * height_m if level else 0.0
     place = middle + distance * inwards + [0, 0, rise] + rng.normal(0, 0.03, 3)
     focal = min(size[0] / across_m, size[1] / down_m) * distance / OVERSPILL
     shift = np.array([0.0, -focal * rise / distance])

@@ -212,7 +212,7 @@ def l_walls(size_m: tuple[float, float, float], cut_m: tuple[float, float]) -> l
     """The walls of an L: a box without the corner `cut_m` (width, depth) at its front on the right.
 
     Its front is that of the long leg; "inner-front" and "inner-right" are the walls of the missing corner.
-    Floor and ceiling have two rectangles each, "floor" and "floor-2".
+    Floor and ceiling have two rectangles each, "floor" and "inner-floor".
     """
     width, depth, height = size_m
     cut_width, cut_depth = cut_m
@@ -232,9 +232,9 @@ def l_walls(size_m: tuple[float, float, float], cut_m: tuple[float, float]) -> l
         wall("right", (x - cut_depth, -y, z), -short * front, height * down),
         walls["back"],
         wall("floor", (x, y, -z), leg * right, -depth * front),
-        wall("floor-2", (x - cut_depth, y - leg, -z), cut_width * right, -short * front),
+        wall("inner-floor", (x - cut_depth, y - leg, -z), cut_width * right, -short * front),
         wall("ceiling", (-x, y, z), leg * right, depth * front),
-        wall("ceiling-2", (-x, y - leg, z), cut_width * right, short * front),
+        wall("inner-ceiling", (-x, y - leg, z), cut_width * right, short * front),
     ]
 
 

@@ -15,6 +15,7 @@ from procam.files.bundle.write import writing_bundle
 from procam.files.form_factors import write_form_factors
 from procam.files.history.record import recorded
 from procam.files.images.pixels import write_image
+from procam.files.mesh_file import write_mesh
 from procam.files.output_log import OutputLog
 from procam.files.session import Session
 from procam.files.venue.load import load_venue
@@ -26,6 +27,7 @@ from procam.model.screen import RoomScreen
 from procam.workflows.capture.settings import keep_settings
 from procam.workflows.photographs.driven import Wanted
 from procam.workflows.photographs.rounds import Rounds
+from simulators.room_obj import obj_text
 from simulators.scene import SceneSize
 from simulators.template import venue_text
 from studies.preference import answers, plan
@@ -78,13 +80,14 @@ def make_files(folder: Path) -> None:
     (folder / "locked" / ".lock").write_text("`procam verify` (process 17)")
     (folder / "code.toml").write_text(CODE)
     write_form_factors(folder / "form-factors.npz", ROOM)
+    write_mesh(folder / "screen.npz", ROOM.room)
+    (folder / "room.obj").write_text(obj_text())
     (folder / "meter.csv").write_text(METER)
     (folder / "response.csv").write_text("level,light\n0,0\n0.3,0.1\n0.8,0.6\n1,1\n")
     (folder / "photographs.csv").write_text("file,shot\na.png,dark\nb.png,south-0000\n")
     OutputLog(folder / "outputs.jsonl", "key").add(folder / "code.toml", [1, 2], {"peak": 0.7})
     _bundles(folder)
     _profiles(folder)
-    _meshes(folder)
     _preference_test(folder / "asked")
 
 
@@ -176,31 +179,6 @@ def _profiles(folder: Path) -> None:
     (folder / "chunks.bin").write_bytes(
         b"".join(struct.pack(">H", len(data)) + name + data for name, data in chunks.items())
     )
-
-
-def _meshes(folder: Path) -> None:
-    """A dome of 4 rings of 8 points and its pole, in both formats."""
-    rings, points = 4, 8
-    vertices = [(0.0, 0.0, 5.0)]
-    for ring in range(1, rings + 1):
-        for k in range(points):
-            angle, down = 2 * np.pi * k / points, np.pi / 2 * ring / rings
-            r, z = 5 * np.sin(down), 5 * np.cos(down)
-            vertices.append((float(r * np.cos(angle)), float(r * np.sin(angle)), float(z)))
-    faces = [(0, 1 + k, 1 + (k + 1) % points) for k in range(points)]
-    for ring in range(rings - 1):
-        for k in range(points):
-            a, b = 1 + ring * points + k, 1 + ring * points + (k + 1) % points
-            faces += [(a, a + points, b + points), (a, b + points, b)]
-    rows = [" ".join(f"{value:.6f}" for value in vertex) for vertex in vertices]
-    lines = [*(f"v {row}" for row in rows), *(f"f {c + 1} {b + 1} {a + 1}" for a, b, c in faces)]
-    (folder / "dome.obj").write_text("\n".join([*lines, ""]))
-    head = (
-        f"ply\nformat ascii 1.0\nelement vertex {len(rows)}\nproperty float x\nproperty float y\n"
-        f"property float z\nelement face {len(faces)}\nproperty list uchar int vertex_indices\n"
-    )
-    corners = [f"3 {c} {b} {a}" for a, b, c in faces]
-    (folder / "dome.ply").write_text("\n".join([f"{head}end_header", *rows, *corners, ""]))
 
 
 def _preference_test(folder: Path) -> None:

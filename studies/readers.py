@@ -9,7 +9,6 @@ import io
 import json
 import shutil
 import struct
-import warnings
 import zipfile
 import zlib
 from collections.abc import Callable
@@ -35,7 +34,7 @@ from procam.files.images.photos import load_response, read_photo
 from procam.files.images.pixels import read_header
 from procam.files.images.stills import read_picture, read_still
 from procam.files.lock import locked
-from procam.files.meshes import load_mesh
+from procam.files.mesh_file import read_mesh
 from procam.files.meter import read_meter
 from procam.files.output_log import OutputLog
 from procam.files.seats import other_seats
@@ -44,14 +43,17 @@ from procam.files.system import try_lock
 from procam.files.venue.edit import Key, edited
 from procam.files.venue.load import load_venue
 from procam.files.venue.masks import read_mask
+from procam.files.venue.mesh_screen import MeshFile, read_room
 from procam.files.versions import calibrated_session, calibration_in_use, solved_sessions
 from procam.interfaces.report.stored_loop import read_loop
 from procam.model.plan import Plan
+from procam.model.screen import RoomScreen
 from procam.workflows.capture.photo_index import read_index
 from procam.workflows.capture.settings import read_settings
 from procam.workflows.playout.pipe_clip import read_frame
 from procam.workflows.playout.sources import read_clip_frame
 from procam.workflows.refine.stored_pictures import read_frames, read_square
+from simulators.room_obj import GROUPS
 from studies.preference import answers, plan
 from studies.readable_files import CALIBRATION, ROOM, SESSION, SHOTS, WANTED, all_files, rounds_in
 
@@ -255,9 +257,12 @@ def _pipe(path: Path) -> object:
 
 
 def _mesh(path: Path) -> object:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # faces that were mended
-        return load_mesh(path)
+    return read_room(MeshFile(path, GROUPS, (1536, 2048)))
+
+
+def _stored_mesh(path: Path) -> object:
+    """What a calibration compares with the digest that it has."""
+    return RoomScreen.of_mesh(read_mesh(path), ROOM.lit, ROOM.others).digest
 
 
 def _factors(path: Path) -> object:
@@ -321,8 +326,8 @@ READERS = (
     Reader("FFV1 in Matroska", "movie.mkv", _movie, lossless=True),
     Reader("ProRes in QuickTime", "movie.mov", _movie),
     Reader("frames on a pipe", "frames.rgb", _pipe),
-    Reader("mesh, OBJ", "dome.obj", _mesh),
-    Reader("mesh, PLY", "dome.ply", _mesh),
+    Reader("mesh, OBJ", "room.obj", _mesh),
+    Reader("mesh, NPZ", "screen.npz", _stored_mesh),
     Reader("loop.json", "loop/loop.json", read_loop),
     Reader("code.toml", "code.toml", load_code),
     Reader("form factors", "form-factors.npz", _factors, lossless=True),

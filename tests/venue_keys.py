@@ -119,10 +119,12 @@ host = "10.1.2.3"
 password = "s3cret-w0rd"
 camera = {serial = "SN-0042917", computer = "booth-pc.local"}
 """
+ROOM_MARKS = ("canvas_m", "point_m", "sigma_m")
 OF_ROOMS = {
     *(f"screen.{key}" for key in "width_m depth_m height_m arc_deg lit others".split()),
+    *(f"screen.{key}" for key in "file canvas origin_m smooth".split()),
     *("screen.other_albedo", "screen.other_albedo_sigma"),
-    *(f"{mark}.*.{key}" for mark in ("fiducials", "apriltags") for key in ("canvas_m", "sigma_m")),
+    *(f"{mark}.*.{key}" for mark in ("fiducials", "apriltags") for key in ROOM_MARKS),
 }
 OF_SERVERS = {"projectors.*.fov_deg", "projectors.*.rotation_deg"}  # no projector may have them
 

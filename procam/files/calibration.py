@@ -1,4 +1,4 @@
-"""Calibration directories: calibration.json, maps/PROJECTOR.exr, dome.exr, state-NAME.exr, form factors.
+"""Calibration directories: calibration.json; in maps PROJECTOR.exr, dome.exr, states, mesh, form factors.
 
 Numbers go to JSON with their sigmas, maps to EXR channels. The file is longer than 300 lines because
 each part is written and read in one place, so that the two cannot drift apart.
@@ -7,9 +7,9 @@ each part is written and read in one place, so that the two cannot drift apart.
 import json
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -26,9 +26,12 @@ from procam.model.correspondence import ProjectorSurface
 from procam.model.mask import Mask
 from procam.model.optics import CameraModel, ProjectorModel
 from procam.model.photometry import Photometry
-from procam.model.screen import RoomScreen
+from procam.model.screen import RoomScreen, Screen
 from procam.model.transport import ScatterKernel, ScreenMaps
 from procam.model.venue_state import VenueState
+
+if TYPE_CHECKING:
+    from procam.maths.mesh.rooms import Room
 
 Channels = dict[str, Array32]
 READABLE = (1, SCHEMA_VERSION)
@@ -80,16 +83,28 @@ def save_calibration(calibration: Calibration, directory: str | Path) -> None:
                 path = temporary / "maps" / ambient_file(name)
                 write_channels(path, {c: state.ambient[..., i] for i, c in enumerate(RGB)})
         screen = calibration.screen
-        if isinstance(screen, RoomScreen) and screen.has_factors:
-            _write_factors(temporary / "maps", screen)
+        if isinstance(screen, RoomScreen):
+            _write_room(temporary / "maps", screen)
         text = json.dumps(_document(calibration), indent=1, default=np.ndarray.tolist)
         (temporary / "calibration.json").write_text(text, encoding="utf-8")
 
 
-def _write_factors(maps: Path, screen: RoomScreen) -> None:
-    from procam.files.form_factors import NAME, write_form_factors  # noqa: PLC0415 - SciPy
+def _write_room(maps: Path, screen: RoomScreen) -> None:
+    from procam.files import form_factors, mesh_file  # noqa: PLC0415 - SciPy
 
-    write_form_factors(maps / NAME, screen)
+    if screen.mesh is not None:
+        mesh_file.write_mesh(maps / mesh_file.NAME, screen.mesh)
+    if screen.has_factors:
+        form_factors.write_form_factors(maps / form_factors.NAME, screen)
+
+
+def _mesh_of(maps: Path, entry: dict[str, Any]) -> "Room | None":
+    """The mesh of a screen that is one."""
+    if entry.get("kind") != "mesh":
+        return None
+    from procam.files.mesh_file import NAME, read_mesh  # noqa: PLC0415 - SciPy
+
+    return read_mesh(maps / NAME)
 
 
 def _with_factors(maps: Path, screen: RoomScreen) -> RoomScreen:
@@ -205,7 +220,7 @@ def _dome_layers(maps: ScreenMaps) -> Channels:
 def _document(calibration: Calibration) -> dict[str, Any]:
     return {
         "schema_version": calibration.schema_version,
-        "screen": {**asdict(calibration.screen), "kind": calibration.screen.kind},
+        "screen": _screen_entry(calibration.screen),
         "cameras": {n: _camera_entry(c) for n, c in calibration.cameras.items()},
         "main_camera": calibration.main_camera,
         "canvas": asdict(calibration.canvas) if isinstance(calibration.canvas, Canvas) else None,
@@ -219,6 +234,14 @@ def _document(calibration: Calibration) -> dict[str, Any]:
         "states": {n: _state_entry(s) for n, s in calibration.states.items()},
         "absolute": asdict(calibration.absolute) if calibration.absolute else None,
     }
+
+
+def _screen_entry(screen: Screen) -> dict[str, Any]:
+    """What its fields say; a mesh has a file of its own."""
+    of = replace(screen, mesh=None) if isinstance(screen, RoomScreen) else screen
+    entry = {**asdict(of), "kind": screen.kind}
+    entry.pop("mesh", None)
+    return entry
 
 
 def _state_entry(state: VenueState) -> dict[str, Any]:
@@ -254,7 +277,8 @@ def _projector_entry(projector: ProjectorCalibration) -> dict[str, Any]:
 
 def _calibration(directory: Path, document: dict[str, Any], keep: Keep | None) -> Calibration:
     maps = read_layers(directory / "maps" / "dome.exr")
-    screen = entries.screen(document["screen"])
+    mesh = _mesh_of(directory / "maps", document["screen"])
+    screen = entries.screen(document["screen"], mesh)
     check_maps(maps, screen)
     if isinstance(screen, RoomScreen):
         screen = _with_factors(directory / "maps", screen)

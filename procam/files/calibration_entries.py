@@ -6,7 +6,7 @@ What is wrong is raised as ValueError; `load_calibration` adds the file's name a
 import re
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,13 +22,16 @@ from procam.model.quality import Figure, Goal
 from procam.model.screen import ContentCanvas, Dome, RoomScreen, Screen
 from procam.model.transport import Measured, ScatterKernel
 
+if TYPE_CHECKING:
+    from procam.maths.mesh.rooms import Room
+
 # what reading a document raises that is damaged, or of another program
 DAMAGES = (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError)
 Bounds = tuple[float, float]
 ANY: Bounds = (-1e9, 1e9)  # of lengths, angles and pixels: wider than any rig
 POSITIVE: Bounds = (1e-9, 1e9)
 SHARE: Bounds = (0.0, 1.0)
-ROOMS = ("box", "cylinder")
+ROOMS = ("box", "cylinder", "mesh")
 MOST_MOVED_M = 1.0  # of a wall: more is another room
 ANGLE: Bounds = (-2 * np.pi, 2 * np.pi)
 FIELD_OF_VIEW: Bounds = (0.1, 2 * np.pi)
@@ -84,10 +87,10 @@ def _times(lengths: tuple[int | None, ...]) -> str:
     return " x ".join("any" if n is None else str(n) for n in lengths) or "1"
 
 
-def screen(entry: dict[str, Any]) -> Screen:
-    """The screen: a dome where nothing else is said, as in files of schema 1."""
+def screen(entry: dict[str, Any], mesh: "Room | None" = None) -> Screen:
+    """The screen: a dome where nothing else is said, as in files of schema 1; `mesh` of what is one."""
     if entry.get("kind", "dome") != "dome":
-        return _room(entry)
+        return _room(entry, mesh)
     return Dome(
         number(entry, "radius_m", POSITIVE),
         number(entry, "half_angle"),
@@ -99,13 +102,18 @@ def screen(entry: dict[str, Any]) -> Screen:
     )
 
 
-def _room(entry: dict[str, Any]) -> RoomScreen:
+def _room(entry: dict[str, Any], mesh: "Room | None") -> RoomScreen:
     lit, size = tuple(map(str, entry["lit"])), numbers(entry, "size", (3,), POSITIVE).tolist()
     others = [
         (str(n), *numbers({"albedo": pair}, "albedo", (2,), SHARE).tolist())
         for n, *pair in entry["others"]
     ]
-    drawn = RoomScreen(str(entry["kind"]), (size[0], size[1], size[2]), lit, tuple(others))
+    if mesh is not None:
+        drawn = RoomScreen.of_mesh(mesh, lit, tuple(others))
+        if drawn.digest != entry["digest"]:
+            raise ValueError("its mesh is another one, or altered")
+    else:
+        drawn = RoomScreen(str(entry["kind"]), (size[0], size[1], size[2]), lit, tuple(others))
     if drawn.kind not in ROOMS or set(lit) | {n for n, *_ in others} != set(drawn.room.names):
         raise ValueError(
             f"a screen of kind {drawn.kind[:40]!r} with the parts {lit} is none that procam makes"

@@ -6,6 +6,7 @@ import numpy as np
 from procam.arrays import Array, BoolArray, FloatArray, Image
 
 EXACT_CHANNELS = (1, 3, 4)
+JUMP = 3.0  # of the areas around it: larger is the distance between two surfaces
 
 
 def sample(image: FloatArray, xy: FloatArray, outside: float = 0.0) -> Image:
@@ -131,6 +132,12 @@ def local_median(image: FloatArray, mask: BoolArray) -> Image:
     sides = np.where(checkers, np.float32(1e9), np.float32(-1e9))
     filled = np.where(mask, image, sides).astype(np.float32)
     return np.asarray(cv2.medianBlur(filled, 5), np.float32)
+
+
+def without_jumps(area: FloatArray, mask: BoolArray) -> Array:
+    """Areas (H, W) of a picture's pixels on a surface: the median around for those in which it jumps."""
+    around = local_median(area, mask)
+    return np.where(mask & (area > JUMP * around), around, area).astype(float)
 
 
 def pixel_places(shape: tuple[int, ...], other: tuple[int, ...]) -> Array:

@@ -1,19 +1,19 @@
-"""The projection screen: a dome, a room, or a bare mesh of any shape.
+"""The projection screen: a dome, or a room by its dimensions or as a mesh.
 
-A dome and a room have the same interface: `shape`, which rays meet; `canvas`, of content and of a
-calibration's maps; `contains`; and `measure`, on which areas are counted. A place is a direction from the
-origin, which must see all of a room.
+Both have the same interface: `shape`, which rays meet; `canvas`, of content and of a calibration's maps;
+`contains`; and `measure`, on which areas are counted. A place is a direction from the origin, which must see
+all parts of a room that projectors light.
 """
 
-from dataclasses import dataclass, replace
+import hashlib
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Union
 
 import numpy as np
-from numpy.typing import NDArray
 
 from procam.arrays import Array, BoolArray, FloatArray
-from procam.errors import InputError, ShapeError, UnitError
+from procam.errors import UnitError
 from procam.maths.geometry.canvas import STANDARD, Canvas
 from procam.maths.geometry.ray_to_screen import RoundShape
 from procam.maths.geometry.sphere import angles_from_direction, normalise
@@ -97,14 +97,16 @@ class Dome:
 
 @dataclass(frozen=True)
 class RoomScreen:
-    """A room by its dimensions, of which projectors light some parts.
+    """A room by its dimensions, or a mesh, of which projectors light some parts.
 
     Attributes
     ----------
-    kind : "box" or "cylinder". size : of a box width, depth and height [m]; of a cylinder radius [m], arc
-        [degrees] and height [m]. lit : names of the parts that projectors light.
+    kind : "box", "cylinder" or "mesh". size : of a box width, depth and height [m]; of a cylinder radius
+        [m], arc [degrees] and height [m]; of a mesh its extent along x, y and z [m].
+    lit : names of the parts that projectors light.
     others : parts that are not lit: name, albedo and its standard error [-].
-    moved : lit parts that are not where the dimensions have them, and how, see `maths.mesh.wall_moves`.
+    moved : lit parts that are not where the drawing has them, and how, see `maths.mesh.wall_moves`.
+    mesh : that of a "mesh" as it was drawn; it counts by its `digest` when screens are compared.
     """
 
     kind: str
@@ -112,6 +114,19 @@ class RoomScreen:
     lit: tuple[str, ...]
     others: tuple[tuple[str, float, float], ...] = ()
     moved: tuple[tuple[str, tuple[float, ...]], ...] = ()
+    mesh: "Room | None" = field(default=None, compare=False, repr=False)
+    digest: str = ""
+
+    @classmethod
+    def of_mesh(
+        cls, mesh: "Room", lit: tuple[str, ...], others: tuple[tuple[str, float, float], ...]
+    ) -> "RoomScreen":
+        """The screen of a mesh."""
+        found = hashlib.sha256(repr((mesh.names, mesh.size_m, mesh.smooth)).encode())
+        for array in (mesh.vertices, mesh.faces, mesh.part, mesh.place):
+            found.update(np.ascontiguousarray(array).tobytes())
+        x, y, z = map(float, np.ptp(mesh.vertices, axis=0))
+        return cls("mesh", (x, y, z), lit, others, mesh=mesh, digest=found.hexdigest())
 
     @cached_property
     def room(self) -> "Room":
@@ -119,7 +134,7 @@ class RoomScreen:
         from procam.maths.mesh.rooms import planned_room  # noqa: PLC0415 - SciPy
         from procam.maths.mesh.wall_moves import moved_by  # noqa: PLC0415 - SciPy
 
-        drawn = planned_room(self.kind, self.size, self.lit, FACES)
+        drawn = self.mesh or planned_room(self.kind, self.size, self.lit, FACES)
         moves = {drawn.names.index(name): np.array(numbers) for name, numbers in self.moved}
         by = moved_by(drawn.vertices, drawn.faces, drawn.part, moves)
         return replace(drawn, vertices=drawn.vertices + by)
@@ -129,9 +144,16 @@ class RoomScreen:
         """The surface that rays meet."""
         from procam.maths.mesh.shape import MeshShape  # noqa: PLC0415 - SciPy, which domes do not need
 
-        room, smooth = self.room, self.kind == "cylinder"
+        room, convex = self.room, self.mesh is None
         free = {number: n for number, n in enumerate(room.names) if n in self.lit}
-        return MeshShape.of(room.vertices, room.faces, smooth=smooth, part=room.part, free=free)
+        return MeshShape.of(
+            room.vertices,
+            room.faces,
+            smooth=room.smooth,
+            part=room.part,
+            free=free,
+            convex=convex,
+        )
 
     @cached_property
     def canvas(self) -> "RoomCanvas":
@@ -204,41 +226,3 @@ class RoomScreen:
 
 Screen = Dome | RoomScreen
 ContentCanvas = Union[Canvas, "RoomCanvas"]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class MeshScreen:
-    """A screen of any shape as triangles in the dome frame: cylinder, box, faceted or scanned dome.
-
-    Equality is identity, so that a ray tracer can be cached for each screen.
-
-    Attributes
-    ----------
-    vertices : (V, 3) float64 [m].
-    faces : (F, 3) int32 indices of vertices, counter-clockwise seen from the inside, where the
-        devices and the audience are.
-    smooth : the mesh samples a smooth surface, such as a scanned dome; else its faces are flat.
-    """
-
-    vertices: Array
-    faces: NDArray[np.int32]
-    smooth: bool = False
-
-    def __post_init__(self) -> None:
-        for name, array, dtype in (
-            ("vertices", self.vertices, np.float64),
-            ("faces", self.faces, np.int32),
-        ):
-            if array.ndim != 2 or array.shape[1] != 3 or not len(array):
-                raise ShapeError(name, array.shape, "(n, 3) with n of 1 or more")
-            if array.dtype != dtype:
-                raise InputError(f"{name} has type {array.dtype}; it needs {np.dtype(dtype)}")
-        if not np.isfinite(self.vertices).all():
-            raise InputError(
-                "vertices contain NaN or infinity; they need finite coordinates in metres"
-            )
-        if self.faces.min() < 0 or self.faces.max() >= len(self.vertices):
-            raise InputError(
-                f"faces refer to vertices {self.faces.min()} to {self.faces.max()}; the mesh has vertices "
-                f"0 to {len(self.vertices) - 1}"
-            )

@@ -62,7 +62,7 @@ def test_walls_behind_a_corner_are_hidden() -> None:
     room = surface("L", L, ("front",))
     before = np.array([[0.0, 1.9, 0.0], [-1.4, -1.9, 0.0]])  # left wall; back right
     assert room.sees(np.array([1.4, 1.0, 0.0]), before).tolist() == [True, False]
-    area = sum(float(w.cell_areas(3, 2).sum()) for w in room.walls if w.name.startswith("floor"))
+    area = sum(float(w.cell_areas(3, 2).sum()) for w in room.walls if w.name.endswith("floor"))
     assert area == pytest.approx(4 * 3 - 2 * 1.5)
 
 

@@ -86,7 +86,7 @@ NO_READERS = {
     "files/images/sequences.py:parse_pattern": "a name, not a file",
     "files/session.py:Session.keep_plan": "copies a plan that read_plan has read",
     "files/session.py:Session.restore_plan": "copies a plan that read_plan has read",
-    "files/venue/load.py:template_text": "a file of the package",
+    "files/venue/load.py:_template_files": "files of the package",
     "workflows/capture/by_hand.py:_write_session": "copies a venue.toml that load_venue has read",
     "workflows/capture/by_hand.py:_export": "copies a session that read_plan has read",
     "workflows/capture/capture.py:prepare_session": "compares two texts",

@@ -1,4 +1,4 @@
-"""A box and a cylinder from photographs to compensated frames, judged on the simulated walls."""
+"""Rooms from photographs to compensated frames, judged on the simulated walls."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -29,6 +29,7 @@ from procam.model.calibration import Calibration
 from procam.workflows.comparison import compare
 from procam.workflows.verify.photographs import read_reference
 from simulators.backend import build_scene
+from simulators.room_obj import obj_text
 from simulators.scene import ALL_BANDS, DomeScene, SceneSize
 from simulators.sight_lines import SightLines
 from simulators.template import walls_text
@@ -62,11 +63,12 @@ class OnWalls:
         return direct, scattered
 
 
-@pytest.fixture(scope="module", params=["box", "box that is lower", "cylinder"])
+@pytest.fixture(scope="module", params=["box", "box that is lower", "cylinder", "L"])
 def room(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Room:
     kind, *other = request.param.split(maxsplit=1)
     folder = tmp_path_factory.mktemp(kind)
     text = walls_text(kind, SIZE, patch_m=0.25)
+    (folder / "room.obj").write_text(obj_text(), "utf-8")  # of an L
     (folder / "venue.toml").write_text(_drawn_higher(text) if other else text, "utf-8")
     done = CliRunner().invoke(app, ["calibrate", str(folder)])
     assert done.exit_code == 0, done.output

@@ -7,9 +7,14 @@ import numpy as np
 
 from procam.arrays import Array, BoolArray, FloatArray, Image
 from procam.estimate.geometry.model import RigGeometry, camera_rays, project_to_camera
-from procam.estimate.geometry.screen_points import intersect_screen, screen_points
-from procam.maths.geometry.lenses import project_before_fold
+from procam.estimate.geometry.screen_points import (
+    intersect_screen,
+    panel_pixels,
+    screen_points,
+    seen_points,
+)
 from procam.maths.geometry.sphere import normalise
+from procam.maths.warp import without_jumps
 from procam.model.optics import CameraModel, ProjectorModel
 from procam.model.screen import RoomScreen, Screen
 
@@ -49,8 +54,10 @@ class ScreenView:
         direction, measured = normalise(points), screen.measure(points)
         on_screen = seen & screen.contains(direction)
         across, down = (_steps(measured, axis) for axis in (1, 0))
-        size = np.linalg.norm(np.cross(across, down), axis=-1)
-        return cls(camera, direction.astype(np.float32), on_screen, np.where(on_screen, size, 0.0))
+        size = np.where(on_screen, np.linalg.norm(np.cross(across, down), axis=-1), 0.0)
+        if isinstance(screen, RoomScreen):
+            size = without_jumps(size, on_screen)
+        return cls(camera, direction.astype(np.float32), on_screen, size)
 
     def without(self, covered: BoolArray) -> "ScreenView":
         """The view without the pixels of a mask (H, W)."""
@@ -72,8 +79,15 @@ class ScreenView:
         return self._faces[screen]
 
     def camera_pixels(self, screen: Screen, direction: FloatArray) -> Array:
-        """Pixel (..., 2) of the camera that sees the screen in directions (..., 3) from its centre."""
-        return project_to_camera(self.camera, screen_points(screen.shape, direction))
+        """Pixel (..., 2) of the camera that sees the screen in directions (..., 3) from its centre.
+
+        NaN of places that something hides from it.
+        """
+        assert self.camera.camera_from_dome is not None
+        points = screen_points(screen.shape, direction)
+        pixels = project_to_camera(self.camera, points)
+        pixels[~seen_points(screen.shape, self.camera.camera_from_dome.origin, points)] = np.nan
+        return pixels
 
     def projector_pixels(self, projector: ProjectorModel, screen: Screen) -> Image:
         """Projector pixel (H, W, 2) that lights the point each camera pixel sees; NaN if none does."""
@@ -81,8 +95,7 @@ class ScreenView:
         points, (width, height) = self.points(screen), projector.size
         for top in range(0, len(points), BAND):
             rows = slice(top, top + BAND)
-            local = projector.projector_from_dome.apply(points[rows].astype(float))
-            xy = project_before_fold(local, projector.lens)
+            xy = panel_pixels(screen.shape, projector, points[rows].astype(float))
             inside = (xy[..., 0] > -0.5) & (xy[..., 0] < width - 0.5)
             inside &= (xy[..., 1] > -0.5) & (xy[..., 1] < height - 0.5) & self.on_screen[rows]
             found[rows][inside] = xy[inside]

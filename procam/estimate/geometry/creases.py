@@ -1,4 +1,4 @@
-"""Widens standard errors of what was seen across creases of a mesh: edges of walls, where a map has kinks.
+"""Widens standard errors of what was seen across edges of a mesh's walls, where a map has kinks or jumps.
 
 The pixel that sees a patch's centre comes from a smooth fit to the patch, which is wrong across a kink. Such
 patches are not left out: where a projector lights little beside one wall, they are what ties its lens.
@@ -17,7 +17,7 @@ from procam.model.optics import ProjectorModel
 
 REACH = 4.0  # of a patch, from its centre: those of a block have one curvature
 CREASE_PX = 0.5  # error that a kink makes of a patch's place
-SAME_PLANE = np.cos(np.radians(20))  # of normals, on a smooth surface
+BEND = np.radians(20)  # between normals of a smooth surface, whose chords lean by half of it
 
 
 def widened_at_creases(
@@ -36,18 +36,23 @@ def _widened(shape: MeshShape, projector: ProjectorModel, some: Observations) ->
 
 
 def _is_clear(shape: MeshShape, projector: ProjectorModel, some: Observations) -> BoolArray:
-    """Whether patches (N,) have one normal, at their centres and corners."""
-    centre = _normals(shape, projector, some.projector_px)
-    clear = np.ones(len(centre), bool)
+    """Whether patches (N,) are on one surface, by points and normals at their centres and corners."""
+    middle, normal = _met(shape, projector, some.projector_px)
+    clear = np.ones(len(middle), bool)
     for corner in ((-1, -1), (1, -1), (1, 1), (-1, 1)):
         at = some.projector_px + REACH * some.patch_px * np.array(corner)
-        alike = np.einsum("ni,ni->n", centre, _normals(shape, projector, at))
-        clear &= np.nan_to_num(alike) > SAME_PLANE
+        point, there = _met(shape, projector, at)
+        chord = point - middle
+        alike = np.einsum("ni,ni->n", normal, there)
+        out = np.abs(np.einsum("ni,ni->n", normal, chord))
+        clear &= alike > np.cos(BEND)  # NaN where a ray misses is not clear
+        clear &= out <= np.sin(BEND / 2) * np.linalg.norm(chord, axis=1)
     return clear
 
 
-def _normals(shape: MeshShape, projector: ProjectorModel, pixels: Array) -> Array:
-    """Normals (N, 3) where pixels (N, 2) of a panel land; NaN where they miss."""
+def _met(shape: MeshShape, projector: ProjectorModel, pixels: Array) -> tuple[Array, Array]:
+    """Points and normals (N, 3) where pixels (N, 2) of a panel land; NaN where they miss."""
     pose = projector.projector_from_dome
     rays = pose.inverse().rotate(unproject(pixels, projector.lens))
-    return shape.tracer.first_hits(pose.origin / shape.radius_m, rays).normals
+    hits = shape.tracer.first_hits(pose.origin / shape.radius_m, rays)
+    return hits.points, hits.normals

@@ -76,7 +76,7 @@ class GeometrySolution:
     scale : factor on the standard errors of each pair, its systematic ratio [-].
     freedoms : (F, P) gauge freedoms, of unit length in scaled parameters.
     sphere_systematic_ratio : systematic ratio on an exact sphere [-].
-    main : the camera that light is measured with: the one with the most observations.
+    main : the camera that light is measured with: the one that sees most of the projectors' pixels.
     given : projectors whose directions are given, not solved, with their standard error [arcmin].
     """
 
@@ -328,9 +328,12 @@ def _with_others(
 
 
 def by_most_seen(cameras: Iterable[str], seen: Mapping[Pair, Observations]) -> list[str]:
-    """Cameras by falling number of observations."""
-    counts = {n: sum(len(o.sigma_px) for (c, _), o in seen.items() if c == n) for n in cameras}
-    return sorted(counts, key=lambda name: -counts[name])
+    """Cameras, first the one that sees most of the projectors' pixels."""
+    pixels = {pair: len(some.sigma_px) * some.patch_px**2 for pair, some in seen.items()}
+    total = {
+        name: sum(n for (camera, _), n in pixels.items() if camera == name) for name in cameras
+    }
+    return sorted(total, key=lambda name: -total[name])
 
 
 def _best_first(

@@ -6,8 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from procam.arrays import Array, BoolArray, FloatArray, Image
-from procam.estimate.geometry.screen_points import screen_points
-from procam.maths.geometry.lenses import project_before_fold
+from procam.estimate.geometry.screen_points import panel_pixels, screen_points
 from procam.maths.warp import edge_distance, sample
 from procam.model.calibration import ProjectorCalibration
 from procam.model.screen import Screen
@@ -29,10 +28,9 @@ class Blender:
         }
 
     def place(self, name: str, direction: Image) -> Image:
-        """Panel pixel (H, W, 2) of a projector that lights directions (H, W, 3)."""
-        model = self._projectors[name].model
+        """Panel pixel (H, W, 2) of a projector that lights directions (H, W, 3); NaN if it cannot."""
         points = screen_points(self._shape, direction)
-        place = project_before_fold(model.projector_from_dome.apply(points), model.lens)
+        place = panel_pixels(self._shape, self._projectors[name].model, points)
         return np.asarray(place, np.float32)
 
     def weights(self, direction: Image) -> dict[str, Image]:

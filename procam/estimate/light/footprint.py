@@ -12,7 +12,7 @@ from procam.estimate.geometry.solve import GeometrySolution
 from procam.estimate.light.separation import SeparatedLight
 from procam.maths.geometry.areas import PanelField, cell_areas, panel_areas, panel_solid_angles
 from procam.maths.geometry.local_shift import LocalShift
-from procam.maths.warp import blur_within, sample
+from procam.maths.warp import blur_within, sample, without_jumps
 from procam.model.correspondence import ProjectorSurface
 from procam.model.mask import Nudge
 from procam.model.screen import Dome, Screen
@@ -71,7 +71,8 @@ def panel_weights(size: tuple[int, int], field: PanelField, screen: Screen) -> A
 
     areas = panel_areas(size, points, cell_areas).astype(np.float32)
     known = np.isfinite(areas)  # at the edge of an open screen a corner misses it
-    return np.where(known, areas, blur_within(np.nan_to_num(areas), known, BESIDE_PX))
+    areas = np.where(known, areas, blur_within(np.nan_to_num(areas), known, BESIDE_PX))
+    return without_jumps(areas, known)
 
 
 def _nudged(fitted: PixelDirections, nudges: Sequence[Nudge]) -> PanelField:

@@ -11,6 +11,7 @@ _PLACES = (
     *map(re.escape, (MANIFEST, README, VENUE, ORIGINAL, PLAN)),
     r"masks/[0-9]+\.png",
     r"responses/[0-9]+\.csv",
+    r"meshes/[0-9]+\.obj",
     rf"{SESSION}/patterns/(?:[A-Za-z0-9_-]+/)*[A-Za-z0-9_-]+\.png",
     rf"{SESSION}/captures/{_NAME}/(?:index\.jsonl|{_NAME}@[0-9.e+-]+\.tif)",
 )

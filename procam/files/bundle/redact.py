@@ -14,9 +14,12 @@ from typing import Any
 from procam.errors import InputError
 from procam.files.session import Session
 from procam.files.venue.load import Venue
+from procam.files.venue.mesh_screen import shared_parts
 from procam.files.venue.sharing import shared_tables
+from procam.files.venue.tables import MeshTable
 from procam.model.plan import Plan
 
+MESH = "meshes/1.obj"
 BACKENDS = "tables of backends"
 ALWAYS = (
     "comments and keys of venue.toml that a solve does not read",
@@ -59,6 +62,9 @@ def redact(venue: Venue, session: Session) -> Redacted:
     files = dict[str, Path]()
     for name, camera in tables["cameras"].items():
         _rename_response(venue, session, name, camera, files)
+    if isinstance(venue.table.screen, MeshTable):
+        files[MESH] = _inside(venue, "screen.file", venue.table.screen.file)
+        _rename_parts(tables["screen"], shared_parts(files[MESH]))
     for where, outlines in _outlines(tables):
         for i, outline in enumerate(outlines):
             if isinstance(outline, str):
@@ -88,6 +94,14 @@ def _number_marks(venue: Venue, tables: dict[str, Any]) -> None:
     entries += [(distance, end) for distance in tables.get("distances", []) for end in ("a", "b")]
     for entry, key in entries:
         entry[key] = numbered.get(entry[key], entry[key])
+
+
+def _rename_parts(screen: dict[str, Any], names: Mapping[str, str]) -> None:
+    """Name the mesh's file and its parts as a bundle does."""
+    screen["file"] = MESH
+    screen["lit"] = [names[name] for name in screen["lit"]]
+    if "others" in screen:
+        screen["others"] = {names[name]: given for name, given in screen["others"].items()}
 
 
 def _rename_response(

@@ -21,6 +21,7 @@ from procam.files.bundle.redact import ALWAYS, Redacted, redact, shared_plan
 from procam.files.session import Session, digest
 from procam.files.session_tables import StoredFrame, plan_text
 from procam.files.venue.load import Venue
+from procam.files.venue.mesh_screen import shared_text
 from procam.model.plan import Plan, Shot
 
 FIRST = (1980, 1, 1, 0, 0, 0)  # zip's earliest time
@@ -105,7 +106,7 @@ def _files(
     yield names.README, resources.files(__package__).joinpath("readme.txt").read_bytes()
     yield names.VENUE, tomlkit.dumps(redacted.tables).encode()
     for name, path in redacted.files.items():
-        yield name, mask_bytes(path) if path.suffix != ".csv" else response_bytes(path)
+        yield name, _content(name, path)
     yield names.PLAN, plan_text(plan).encode()
     for pattern in sorted({shot.pattern for shot in plan.shots if shot.pattern}):
         yield f"{names.SESSION}/{pattern}", picture_bytes(session.directory / pattern)
@@ -114,6 +115,13 @@ def _files(
     figures = original_figures(venue.directory, session.directory.name)
     if figures is not None:
         yield names.ORIGINAL, figures.encode()
+
+
+def _content(name: str, path: Path) -> bytes:
+    """What a bundle has of a file that venue.toml names."""
+    if name.endswith(".obj"):
+        return shared_text(path).encode()
+    return response_bytes(path) if name.endswith(".csv") else mask_bytes(path)
 
 
 def _camera_files(

@@ -17,13 +17,14 @@ from procam.files.venue.outlines import (
     is_within,
     pixel_mistakes,
 )
-from procam.files.venue.screens import canvas_size_m, point_of, screen_of
+from procam.files.venue.screens import OFF_M, place_of
 from procam.files.venue.server_checks import server_mistakes
 from procam.files.venue.tables import (
     CameraTable,
     DistanceTable,
     DomeTable,
     FiducialTable,
+    MeshTable,
     PlaceTable,
     ProjectorTable,
     ScreenTable,
@@ -32,20 +33,22 @@ from procam.files.venue.tables import (
 )
 from procam.maths.geometry.local_shift import LocalShift
 from procam.model.optics import TAG_COUNTS
-from procam.model.screen import RoomScreen
+from procam.model.screen import Dome, RoomScreen, Screen
 
 FOCAL_WIDTHS = (0.05, 50.0)  # focal lengths of cameras, in widths of their pictures
 MAX_STRETCH = 2.0  # between a camera's two focal lengths
 MAX_OFFSET_WIDTHS = 3.0  # of a principal point outside the picture
 BELOW_RIM_DEG = 5.0  # of a mark: on the rim's frame at most
 DOME_KEYS, ROOM_KEYS = ("azimuth_deg", "elevation_deg", "sigma_deg"), ("canvas_m", "sigma_m")
+MESH_KEYS = ("canvas_m", "point_m", "sigma_m")
+MARK_KEYS = {"dome": DOME_KEYS, "mesh": MESH_KEYS}
 COEFFICIENTS = {"kannala-brandt": 4, "brown": 5}
 
 
-def find_mistakes(table: VenueTable, folder: Path) -> list[str]:
-    """One line for each mistake in the tables of a venue in `folder`."""
-    found = [*_name_mistakes(table), *_screen_mistakes(table.screen, folder)]
-    found += _others_mistakes(table.screen)
+def find_mistakes(table: VenueTable, screen: Screen, folder: Path) -> list[str]:
+    """One line for each mistake in the tables of a venue in `folder`, whose screen is given."""
+    found = [*_name_mistakes(table), *_screen_mistakes(table.screen, screen, folder)]
+    found += _others_mistakes(table.screen, screen)
     if table.blend.falloff_percent_per_deg and not isinstance(table.screen, DomeTable):
         found.append(
             f"blend.falloff_percent_per_deg is for domes, and the screen is a {table.screen.kind}; remove it"
@@ -56,7 +59,7 @@ def find_mistakes(table: VenueTable, folder: Path) -> list[str]:
         found += _projector_mistakes(f"projectors.{name}", projector, folder)
     for fiducial in table.fiducials:
         found += _fiducial_mistakes(fiducial, table)
-    found += [*_place_mistakes(table), *_below_rim(table), *_tag_mistakes(table.apriltags)]
+    found += [*_place_mistakes(table, screen), *_below_rim(table), *_tag_mistakes(table.apriltags)]
     found += _distance_mistakes(table)
     return [*found, *server_mistakes(table)]
 
@@ -101,7 +104,7 @@ def _namesake_mistakes(table: VenueTable) -> list[str]:
 
 def _stated(mark: PlaceTable) -> dict[str, object]:
     """The keys of a mark's place that are given."""
-    keys = ("azimuth_deg", "elevation_deg", "canvas_m")
+    keys = ("azimuth_deg", "elevation_deg", "canvas_m", "point_m")
     return {key: getattr(mark, key) for key in keys if getattr(mark, key) is not None}
 
 
@@ -109,23 +112,21 @@ def _shown(place: Mapping[str, object]) -> str:
     return ", ".join(f"{key} = {value}" for key, value in place.items()) or "no place"
 
 
-def _screen_mistakes(screen: ScreenTable, folder: Path) -> Iterator[str]:
-    for key, outlines in (("masks", screen.masks), ("protected", screen.protected)):
-        if isinstance(screen, DomeTable):
+def _screen_mistakes(table: ScreenTable, screen: Screen, folder: Path) -> Iterator[str]:
+    for key, outlines in (("masks", table.masks), ("protected", table.protected)):
+        if isinstance(screen, Dome):
             yield from dome_mistakes(f"screen.{key}", outlines)
         else:
-            yield from canvas_mistakes(f"screen.{key}", outlines, canvas_size_m(screen))
+            yield from canvas_mistakes(f"screen.{key}", outlines, screen.room.size_m)
         yield from file_mistakes(f"screen.{key}", outlines, folder)
 
 
-def _others_mistakes(screen: ScreenTable) -> Iterator[str]:
+def _others_mistakes(table: ScreenTable, screen: Screen) -> Iterator[str]:
     """Albedos of parts that a room does not have, or that are lit, whose albedo is measured."""
-    if isinstance(screen, DomeTable):
+    if isinstance(table, DomeTable) or isinstance(screen, Dome):
         return
-    room = screen_of(screen)
-    assert isinstance(room, RoomScreen)
-    names = [name for name, *_ in room.others]
-    for name in screen.others:
+    names = [name for name, *_ in screen.others]
+    for name in table.others:
         if name not in names:
             yield f"screen.others.{name} is no part that is not lit ({', '.join(names)}); remove it"
 
@@ -230,34 +231,43 @@ def _fiducial_mistakes(fiducial: FiducialTable, table: VenueTable) -> Iterator[s
     yield from _device_mistakes(where, "projector", fiducial, projectors)
 
 
-def _place_mistakes(table: VenueTable) -> Iterator[str]:
+def _place_mistakes(table: VenueTable, screen: Screen) -> Iterator[str]:
     """Marks without a place of the kind that the screen has."""
     marks: list[tuple[str, PlaceTable]] = [(f"fiducials.{f.name}", f) for f in table.fiducials]
     marks += [(f"apriltags.{i}", tag) for i, tag in enumerate(table.apriltags)]
-    kind, on_dome = table.screen.kind, isinstance(table.screen, DomeTable)
-    foreign, needed = (ROOM_KEYS, "sigma_deg") if on_dome else (DOME_KEYS, "sigma_m")
+    kind, keys = table.screen.kind, MARK_KEYS.get(table.screen.kind, ROOM_KEYS)
     for where, mark in marks:
-        for key in foreign:
-            if getattr(mark, key) is not None:
-                own = "angles" if on_dome else "canvas_m and sigma_m"
+        for key in (*DOME_KEYS, *MESH_KEYS):
+            if key not in keys and getattr(mark, key) is not None:
+                own = "angles" if kind == "dome" else " and ".join(keys)
                 yield f"{where}.{key} is not for a {kind}, where marks have {own}; remove it"
-        if on_dome and mark.azimuth_deg is None and mark.elevation_deg is None:
+        if isinstance(screen, Dome) and mark.azimuth_deg is None and mark.elevation_deg is None:
             yield f"{where} has no angle; add azimuth_deg, elevation_deg or both"
-        if getattr(mark, needed) is None:
-            yield f"{where}.{needed} is missing; add it (`procam init` writes a complete example)"
-        if not on_dome:
-            yield from _canvas_mistakes(where, mark, table.screen)
+        if getattr(mark, keys[-1]) is None:
+            yield f"{where}.{keys[-1]} is missing; add it (`procam init` writes a complete example)"
+        if isinstance(screen, RoomScreen):
+            yield from _room_mistakes(where, mark, screen, table.screen)
 
 
-def _canvas_mistakes(where: str, mark: PlaceTable, table: ScreenTable) -> Iterator[str]:
-    screen = screen_of(table)
-    assert isinstance(screen, RoomScreen)
-    if mark.canvas_m is None:
+def _room_mistakes(
+    where: str, mark: PlaceTable, screen: RoomScreen, table: ScreenTable
+) -> Iterator[str]:
+    on_canvas, in_space = mark.canvas_m is not None, mark.point_m is not None
+    if on_canvas and in_space and isinstance(table, MeshTable):
+        yield f"{where} has both canvas_m and point_m; remove one"
+    elif isinstance(table, MeshTable) and not on_canvas and not in_space:
+        yield f"{where} has no place; add point_m, its coordinates in {table.file}, or canvas_m"
+    elif not on_canvas and not isinstance(table, MeshTable):
         yield f"{where}.canvas_m is missing; add its metres from the canvas's upper left corner"
-    elif point_of(screen, mark.canvas_m) is None:
+    elif place_of(mark, screen, table) is None and on_canvas:
         yield (
-            f"{where}.canvas_m is {list(mark.canvas_m)}, where nothing is lit; `procam venue canvas` draws "
-            "what lies where"
+            f"{where}.canvas_m is {list(mark.canvas_m or ())}, where nothing is lit; `procam venue canvas` "
+            "draws what lies where"
+        )
+    elif place_of(mark, screen, table) is None:
+        yield (
+            f"{where}.point_m is {list(mark.point_m or ())}, more than {OFF_M:g} m from what is lit; measure "
+            "it in the mesh's coordinates"
         )
 
 

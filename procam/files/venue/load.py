@@ -25,16 +25,15 @@ from procam.model.screen import Screen
 
 @dataclass(frozen=True, slots=True)
 class Venue:
-    """A venue folder and its validated file; `backends` holds each backend's own raw table."""
+    """A venue folder and its validated file.
+
+    `backends` holds each backend's own raw table, and `screen` is what the table describes.
+    """
 
     directory: Path
     table: VenueTable
     backends: Mapping[str, Mapping[str, Any]]
-
-    @property
-    def screen(self) -> Screen:
-        """The screen as the table describes it."""
-        return screen_of(self.table.screen)
+    screen: Screen
 
     @property
     def cameras(self) -> dict[str, CameraModel]:
@@ -59,7 +58,7 @@ class Venue:
         seen = Counter(t.name for t in self.table.fiducials)
         marks = []
         for t in self.table.fiducials:
-            azimuth, elevation, survey = angles_of(t, self.screen)
+            azimuth, elevation, survey = angles_of(t, self.screen, self.table.screen)
             focal = np.mean(self.table.cameras[t.camera].f) if t.camera else np.inf
             seen_sigma = float(t.sigma_px / focal)
             sigma = float(np.hypot(survey * np.sqrt(seen[t.name]), seen_sigma))
@@ -70,7 +69,10 @@ class Venue:
     @property
     def tags(self) -> list[AprilTag]:
         """AprilTags on the screen."""
-        return [AprilTag(t.family, t.id, *angles_of(t, self.screen)) for t in self.table.apriltags]
+        return [
+            AprilTag(t.family, t.id, *angles_of(t, self.screen, self.table.screen))
+            for t in self.table.apriltags
+        ]
 
     @property
     def distances(self) -> list[Distance]:
@@ -96,9 +98,10 @@ def checked_venue(directory: Path, raw: dict[str, Any]) -> Venue:
         table = VenueTable.model_validate(raw)
     except ValidationError as error:
         raise _refusal(path, [explain(e, sorted(names)) for e in error.errors()]) from error
-    if found := find_mistakes(table, directory):
+    screen = screen_of(table.screen, directory)
+    if found := find_mistakes(table, screen, directory):
         raise _refusal(path, found)
-    return Venue(directory, table, backends)
+    return Venue(directory, table, backends, screen)
 
 
 def template_names() -> list[str]:
@@ -109,15 +112,21 @@ def template_names() -> list[str]:
 
 def template_text(name: str) -> str:
     """The commented venue.toml of a template."""
+    return _template_files(name)["venue.toml"]
+
+
+def _template_files(name: str) -> dict[str, str]:
+    """The texts of a template's files, by name."""
     if name not in template_names():
         raise InputError(
             f"template {name!r} does not exist; choose one of {', '.join(template_names())}"
         )
-    return (resources.files("calib_data") / "venues" / name / "venue.toml").read_text("utf-8")
+    folder = resources.files("calib_data") / "venues" / name
+    return {entry.name: entry.read_text("utf-8") for entry in folder.iterdir() if entry.is_file()}
 
 
 def create_venue(directory: str | Path, template: str) -> Path:
-    """Write `directory`/venue.toml from a template, as `procam init` does; returns the folder.
+    """Write a template's files, such as `directory`/venue.toml, as `procam init` does; returns the folder.
 
     Parameters
     ----------
@@ -131,7 +140,7 @@ def create_venue(directory: str | Path, template: str) -> Path:
     Raises
     ------
     InputError
-        An unknown template, or a venue.toml that exists.
+        An unknown template, or one of its files exists.
 
     Examples
     --------
@@ -139,14 +148,19 @@ def create_venue(directory: str | Path, template: str) -> Path:
     Traceback (most recent call last):
     procam.errors.InputError: ...
     """
-    path, text = Path(directory) / "venue.toml", template_text(template)
+    path = Path(directory) / "venue.toml"
     if re.search(r"@\d+$", path.parent.name):
         raise InputError(
             f"{directory}: a name that ends in @ and a number stands for a calibration; choose another name"
         )
-    if path.exists():
-        raise InputError(f"{path} exists already and is left as it is; choose another folder")
-    write_text(path, text)
+    files = _template_files(template)
+    for name in files:
+        if path.with_name(name).exists():
+            raise InputError(
+                f"{path.with_name(name)} exists already and is left as it is; choose another folder"
+            )
+    for name in sorted(files):  # venue.toml comes last: it names the others
+        write_text(path.with_name(name), files[name])
     return path.parent
 
 

@@ -11,13 +11,14 @@ from procam.files.venue.tables import VenueTable
 
 SHARED = {
     "screen": "kind radius_m half_angle_deg tilt_deg floor_albedo floor_albedo_sigma masks protected "
-    "map_size width_m depth_m height_m arc_deg lit other_albedo other_albedo_sigma others",
+    "map_size width_m depth_m height_m arc_deg lit other_albedo other_albedo_sigma others "
+    "file canvas origin_m smooth",
     "cameras.*": "size model f c k intrinsics response bits black_level vignetting glare glare_sigma masks",
     "projectors.*": "size kind lens fov_deg rotation_deg masks",
     "projectors.*.nudges.*": "pixel shift_px",
     "fiducials.*": "name camera projector pixel sigma_px azimuth_deg elevation_deg sigma_deg canvas_m "
-    "sigma_m",
-    "apriltags.*": "family id azimuth_deg elevation_deg sigma_deg canvas_m sigma_m",
+    "point_m sigma_m",
+    "apriltags.*": "family id azimuth_deg elevation_deg sigma_deg canvas_m point_m sigma_m",
     "distances.*": "a b metres sigma_m",
     "capture": "exposure_s black_exposure_s shot_s",
     "blend": "falloff_percent_per_deg",

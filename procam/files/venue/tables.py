@@ -1,4 +1,7 @@
-"""The tables of venue.toml: keys, types and bounds."""
+"""The tables of venue.toml: keys, types and bounds.
+
+The module is longer than 300 lines because each table is a list of keys.
+"""
 
 from typing import Annotated, Literal
 
@@ -15,9 +18,9 @@ Exposure = Annotated[FiniteFloat, Field(ge=1e-6, le=1e5)]  # s, of any camera
 Share = Annotated[FiniteFloat, Field(ge=0, le=1)]
 PositiveShare = Annotated[FiniteFloat, Field(gt=0, le=1)]
 Pair = tuple[FiniteFloat, FiniteFloat]
+Point = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 Length = Annotated[FiniteFloat, Field(ge=0.1, le=500)]  # m, of a room
 BoxPart = Literal["left", "front", "right", "back", "floor", "ceiling"]
-RoomPart = Literal["left", "front", "right", "back", "floor", "ceiling", "wall"]
 Name = Annotated[str, StringConstraints(pattern=NAME_PATTERN)]
 # of photographs that are ingested: linear, sRGB, measured by a table or from brackets
 RESPONSE_PATTERN = r"^(linear|srgb|solve|.+\.csv)$"
@@ -58,18 +61,18 @@ class DomeTable(_AnyScreen):
     floor_albedo_sigma: Share = 0.05
 
 
-class _RoomTable(_AnyScreen):
-    """[screen] of a room by its dimensions.
+class RoomTable(_AnyScreen):
+    """[screen] of any room.
 
     `other_albedo` is that of the parts that are not lit; `others` has single parts: albedo, sigma.
     """
 
     other_albedo: Share = 0.2
     other_albedo_sigma: Share = 0.1
-    others: dict[RoomPart, tuple[Share, Share]] = {}
+    others: dict[Name, tuple[Share, Share]] = {}
 
 
-class BoxTable(_RoomTable):
+class BoxTable(RoomTable):
     """[screen] of kind "box"; `lit` are the parts that projectors light."""
 
     kind: Literal["box"]
@@ -79,7 +82,7 @@ class BoxTable(_RoomTable):
     lit: Annotated[list[BoxPart], Field(min_length=1)] = ["left", "front", "right"]
 
 
-class CylinderTable(_RoomTable):
+class CylinderTable(RoomTable):
     """[screen] of kind "cylinder": an upright wall over an arc about the front."""
 
     kind: Literal["cylinder"]
@@ -88,7 +91,24 @@ class CylinderTable(_RoomTable):
     height_m: Length
 
 
-ScreenTable = Annotated[DomeTable | BoxTable | CylinderTable, Field(discriminator="kind")]
+class MeshTable(RoomTable):
+    """[screen] of kind "mesh": an OBJ file [m], its groups the parts, its texture coordinates the canvas.
+
+    `canvas` is the size of the pictures that they were made for [px], `origin_m` a point of the mesh that
+    sees all that is lit; `smooth`: faces sample curved walls.
+    """
+
+    kind: Literal["mesh"]
+    file: Annotated[str, StringConstraints(min_length=1)]
+    lit: Annotated[list[Name], Field(min_length=1)]
+    canvas: Size
+    origin_m: Point = (0.0, 0.0, 0.0)
+    smooth: bool = False
+
+
+ScreenTable = Annotated[
+    DomeTable | BoxTable | CylinderTable | MeshTable, Field(discriminator="kind")
+]
 
 
 class CameraTable(_Table):
@@ -146,13 +166,15 @@ class PlaceTable(_Table):
     """A position on the screen with its standard error.
 
     On a dome by angles, of which one is enough: the springline has an elevation, the front an azimuth. In a
-    room by metres on the canvas, to the right and down from its upper left corner.
+    room by metres on the canvas, to the right and down from its upper left corner; on a mesh also by its
+    coordinates.
     """
 
     azimuth_deg: FiniteFloat | None = None
     elevation_deg: Annotated[FiniteFloat, Field(ge=-90, le=90)] | None = None
     sigma_deg: Positive | None = None
     canvas_m: Pair | None = None
+    point_m: Point | None = None
     sigma_m: Positive | None = None
 
 

@@ -40,6 +40,7 @@ REMOVED = (
 SIZES = {
     "box": "width, depth and height in m",
     "cylinder": "radius in m, arc in degrees, height in m",
+    "mesh": "its extent in m",
 }
 
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from procam.arrays import Array
+from procam.arrays import Array, BoolArray
 from procam.kernels import ShapeDerivatives
 from procam.kernels.bundle.reference import Hit, on_screen
 from procam.maths.geometry.harmonics import harmonic_count, harmonics
@@ -65,6 +65,10 @@ class RoundShape:
     def intersect(self, origin: Array, direction: Array) -> Array:
         """Points (N, 3) [m] where rays from inside meet the surface; NaN where they miss."""
         return self.hit(origin, direction).point
+
+    def sees(self, origin: Array, points: Array) -> BoolArray:
+        """Whether nothing of it is between an origin (3,) and its points (N, 3); it hides none of itself."""
+        return np.ones(len(points), bool)
 
     def hit(self, origin: Array, direction: Array) -> Hit:
         """Points and outward gradients where rays (N, 3) meet the surface."""

@@ -18,6 +18,7 @@ from procam.maths.mesh.facets import Faces, face_areas
 
 AROUND = 6
 CHUNK = 1 << 22  # pixels of triangles' boxes at a time
+SQUARE = 512  # pixels of a canvas on which overlaps are found
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,6 +118,15 @@ def mesh_canvas(
     pixel[on] = (area / on_canvas)[face[on]]
     recovery, corners = recovery_of(vertices, faces, part, lit), np.asarray(faces, np.intp)
     return MeshCanvas.of((face, weights[on]), pixel, corners, recovery, _small(face, corner, lit))
+
+
+def rasterised_share(place: Array, faces: Faces) -> float:
+    """The share of the area of faces with a place (V, 2), 0..1, that no other covers on the canvas."""
+    corner = place[faces] * SQUARE - 0.5
+    lit = np.flatnonzero(np.isfinite(corner).all(axis=(1, 2)))
+    face, weights = np.full((SQUARE, SQUARE), -1), np.zeros((SQUARE, SQUARE, 3), np.float32)
+    _rasterise(face, weights, corner, lit)
+    return float((face >= 0).sum() / (np.abs(_twice_area(corner[lit])).sum() / 2))
 
 
 def _rasterise(face: IndexArray, weights: Array32, corner: Array, lit: IndexArray) -> None:

@@ -15,6 +15,7 @@ from procam.maths.geometry.sphere import normalise
 Faces = NDArray[np.integer]
 CREASE = np.radians(30.0)  # between faces of a smooth surface; a sharper edge is a crease
 SWEEPS = 60  # each at least halves the error
+TOGETHER = 1e-6  # of the extent: distance of vertices that are at one place
 
 
 def shared_edges(faces: Faces) -> IndexArray:
@@ -29,6 +30,13 @@ def shared_edges(faces: Faces) -> IndexArray:
 def half_edges(faces: Faces) -> Faces:
     """Start and end vertices (3 F, 2) of all half-edges."""
     return np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2)
+
+
+def places(vertices: Array) -> IndexArray:
+    """The first vertex (V,) at the place of each (V, 3): meshes are split where parts and islands meet."""
+    grid = np.round(vertices / (TOGETHER * float(np.ptp(vertices, axis=0).max())))
+    _, first, place = np.unique(grid, axis=0, return_index=True, return_inverse=True)
+    return np.asarray(first[place.ravel()])
 
 
 def following(half_edge: IndexArray) -> IndexArray:

@@ -18,12 +18,13 @@ from procam.maths.mesh.facets import (
     face_normals,
     patch_points,
     patches,
+    places,
     shared_edges,
 )
 
 EXTRA = 'pip install "procam[geom]"'
 BLOCK = 1 << 14  # rays at a time, so that the arrays stay in the cache
-BEHIND = 0.05  # of the mesh's extent: length of a ray behind the screen before it enters
+BEHIND = 0.5  # of the extent: how far behind a wall a device may be, as solved by what it lights on one plane
 WALK = 5  # steps to neighbours of Embree's face; the corner of a room needs up to four
 SINGLE = 1e-5  # of the extent: rounding of float32, with a margin
 STEPS = 5  # of Newton's method at most; the first error is about 1e-3 of an edge
@@ -46,7 +47,7 @@ class MeshTracer:
 
     Parameters
     ----------
-    vertices : (V, 3) float64 [m].
+    vertices : (V, 3) float64 [m]; those at one place are one.
     faces : (F, 3) indices of vertices, counter-clockwise seen from the inside.
     smooth : the mesh samples a smooth surface, with creases where faces meet at more than 30
         degrees: points lie on quadratic patches through the vertices and normals are interpolated.
@@ -63,8 +64,9 @@ class MeshTracer:
         self._corners = vertices[faces]
         self._flat = face_normals(vertices, faces)
         self._extent = float(np.ptp(vertices, axis=0).max())
-        self._beyond = _faces_beyond(faces)
-        self._normals = corner_normals(vertices, faces) if smooth else None
+        joined = places(vertices)[faces]
+        self._beyond = _faces_beyond(joined)
+        self._normals = corner_normals(vertices, joined) if smooth else None
         if self._normals is not None:
             self._patches = patches(vertices, faces, self._normals)
 
@@ -76,7 +78,7 @@ class MeshTracer:
         """Where rays first meet the inside of the screen.
 
         `origin` (..., 3) [m] and `direction` (..., 3) of any length broadcast. A ray that first meets
-        the outside misses, unless that point is within 5 % of the screen's extent of its origin, as
+        the outside misses, unless that point is within half of the screen's extent of its origin, as
         for a device on the screen or behind a hole in it.
         """
         origins, directions = np.broadcast_arrays(origin, direction)

@@ -39,11 +39,14 @@ class RoomCanvas:
         return self._rasters[size]
 
     def directions(self, size: int) -> tuple[Array, BoolArray]:
-        """Directions (H, W, 3) of the pixels, and which lie on the screen; up where they do not."""
-        raster = self.raster(size)
-        lit = raster.lit
+        """Directions (H, W, 3) of the pixels, and which lie on the screen; up where they do not.
+
+        A face that the origin does not see whole has no directions.
+        """
+        raster, seen = self.raster(size), self._shape.mesh.seen
+        lit = raster.lit if seen is None else raster.lit & seen[raster.face]
         direction = np.broadcast_to([0.0, 0.0, 1.0], (*lit.shape, 3)).copy()
-        share = raster.at_pixels.data.reshape(-1, 3).astype(float)
+        share = raster.at_pixels.data.reshape(-1, 3)[lit[raster.lit]].astype(float)
         points = self._shape.tracer.points_on(raster.face[lit], share[:, 1], share[:, 2])
         direction[lit] = points / np.linalg.norm(points, axis=1, keepdims=True)
         return direction, lit

@@ -7,7 +7,7 @@ and reflects.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -45,6 +45,7 @@ class Room:
         face's part, by `names`.
     place : (V, 2) position on the canvas, from its upper left corner [m]; NaN of parts that are not lit.
     size_m : width and height of the canvas.
+    smooth : the mesh samples curved walls, with creases between them; else its faces are flat.
     """
 
     names: tuple[str, ...]
@@ -53,6 +54,7 @@ class Room:
     part: IndexArray
     place: Array
     size_m: tuple[float, float]
+    smooth: bool = False
 
     def layout(self) -> dict[str, tuple[float, float, float, float]]:
         """Left, top, width and height of each lit part on the canvas [m]."""
@@ -131,7 +133,7 @@ def cylinder_room(
     ]
     if "floor" in _checked(lit, CYLINDER):
         raise InputError("cylinder: a round floor has no place on the canvas; only the wall is lit")
-    return _room(parts, {"wall": (0.0, 0.0)}, edge_m)
+    return replace(_room(parts, {"wall": (0.0, 0.0)}, edge_m), smooth=True)
 
 
 def _lengths(kind: str, lengths: Sequence[float]) -> Sequence[float]:

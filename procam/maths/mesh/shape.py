@@ -6,7 +6,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from procam.arrays import Array, IndexArray
+from procam.arrays import Array, BoolArray, IndexArray
 from procam.errors import InputError
 from procam.kernels import ShapeDerivatives
 from procam.maths.geometry.ray_to_screen import RoundShape
@@ -18,15 +18,26 @@ NOTHING = MappingProxyType[int, str]({})
 DRAWN_M = (
     0.02  # standard deviation of walls from the drawing that they were built by, rms over a wall
 )
+NEAR = 1e-3  # of the extent: points of a line of sight that are one
+SAMPLES = ((1 / 3, 1 / 3, 1 / 3), (0.96, 0.02, 0.02), (0.02, 0.96, 0.02), (0.02, 0.02, 0.96))
 
 
 class MovedMesh:
-    """A mesh (V, 3), (F, 3) whose parts may move; the tracer of the last moves is kept."""
+    """A mesh (V, 3), (F, 3) whose parts may move; the tracer of the last moves is kept.
+
+    `seen` (F,) are the faces that the origin sees whole, None for all.
+    """
 
     def __init__(
-        self, vertices: Array, faces: Faces, smooth: bool, moves: WallMoves | None = None
+        self,
+        vertices: Array,
+        faces: Faces,
+        smooth: bool,
+        moves: WallMoves | None = None,
+        seen: BoolArray | None = None,
     ) -> None:
         self.vertices, self.faces, self.smooth, self.moves = vertices, faces, smooth, moves
+        self.seen = seen
         self._kept: tuple[bytes, MeshTracer] | None = None
 
     def moved_vertices(self, amount: Array) -> Array:
@@ -49,7 +60,8 @@ class MeshShape(RoundShape):
     """A surface |x| = radius (1 + w(x/|x|)), whose height w over the sphere is that of a mesh.
 
     To the solver w is a harmonic with coefficient 1, plus one for each way in which walls move. The origin
-    must see every point of the mesh, as in rooms, drums and domes.
+    must see every point of the mesh that counts, as in rooms, drums and domes; rays that meet another, such
+    as the back of a seat, miss.
 
     Attributes
     ----------
@@ -73,17 +85,24 @@ class MeshShape(RoundShape):
         smooth: bool = False,
         part: IndexArray | None = None,
         free: Mapping[int, str] = NOTHING,
+        convex: bool = True,
     ) -> "MeshShape":
-        """The shape of a mesh (V, 3) [m], (F, 3), counter-clockwise seen from the origin.
+        """The shape of a mesh (V, 3) [m], (F, 3), counter-clockwise seen from the room.
+
+        Where it is not `convex`, faces may hide others from the origin.
 
         Raises
         ------
         InputError
-            If the origin sees a face edge-on or from behind, or embreex is not installed.
+            If the origin sees a face of a convex mesh from behind, or embreex is not installed.
         """
-        a, b, c = np.moveaxis(vertices[faces], 1, 0)
-        behind = np.einsum("fi,fi->f", a, np.cross(b, c)) >= 0
-        if behind.any():
+        seen = (
+            None
+            if convex
+            else seen_faces(vertices, faces, MeshTracer(vertices, faces, smooth=smooth))
+        )
+        behind = _from_behind(vertices[faces])
+        if convex and behind.any():
             raise InputError(
                 f"mesh screen: the origin sees {behind.sum()} of {len(faces)} faces edge-on or from "
                 "behind, but must see all of them. Move the dome frame's origin to the middle of the room."
@@ -91,7 +110,7 @@ class MeshShape(RoundShape):
         radius_m = float(np.linalg.norm(vertices, axis=1).max())
         return cls(
             radius_m=radius_m,
-            mesh=MovedMesh(vertices / radius_m, faces, smooth),
+            mesh=MovedMesh(vertices / radius_m, faces, smooth, seen=seen),
             part=np.zeros(len(faces), np.intp) if part is None else part,
             free=free,
         )
@@ -134,7 +153,7 @@ class MeshShape(RoundShape):
         mesh = self.mesh
         moves = WallMoves.of(mesh.vertices, mesh.faces, self.part, list(self.free))
         coefficients = np.r_[1.0, np.zeros(len(moves.part))]
-        mesh = MovedMesh(mesh.vertices, mesh.faces, mesh.smooth, moves)
+        mesh = MovedMesh(mesh.vertices, mesh.faces, mesh.smooth, moves, mesh.seen)
         return replace(self, mesh=mesh, harmonic_coefficients=coefficients)
 
     def harmonics_at(self, direction: Array) -> tuple[Array, Array]:
@@ -145,6 +164,14 @@ class MeshShape(RoundShape):
     def shape_derivatives(self, origin: Array, direction: Array) -> ShapeDerivatives:
         """Height and gradient of the mesh where rays (N, 3) meet it; NaN where they miss."""
         return self._derivatives(self.tracer.first_hits(origin / self.radius_m, direction))
+
+    def sees(self, origin: Array, points: Array) -> BoolArray:
+        """Whether nothing is between an origin (3,) and points (N, 3) of the mesh."""
+        if self.mesh.seen is None:
+            return np.ones(len(points), bool)
+        end, start = points / self.radius_m, origin / self.radius_m
+        met = self.tracer.intersect(start, end - start)
+        return np.asarray(np.linalg.norm(met - end, axis=1) < NEAR)
 
     def drawn(self, points: Array) -> Array:
         """Where the drawing has points (N, 3) [m] of the moved walls."""
@@ -162,6 +189,7 @@ class MeshShape(RoundShape):
 
         The mesh's own is what is left of it after those of the moves, so that the sum is exact.
         """
+        hits = self._known(hits)
         distance = np.linalg.norm(hits.points, axis=1, keepdims=True)
         start = hits.points / distance
         depth = np.sum(hits.points * hits.normals, axis=1, keepdims=True)
@@ -172,6 +200,13 @@ class MeshShape(RoundShape):
         slopes[:, 0] = across
         return ShapeDerivatives(start, values, slopes)
 
+    def _known(self, hits: Hits) -> Hits:
+        """Hits of faces that the origin sees; NaN of others."""
+        if self.mesh.seen is None or not len(hits.faces):
+            return hits
+        known = self.mesh.seen[hits.faces] & (hits.faces >= 0)
+        return hits._replace(points=np.where(known[:, None], hits.points, np.nan))
+
     def _moved(self, hits: Hits) -> Array:
         """Displacements (N, K, 3) of points that were hit, by each move; NaN where rays missed."""
         if self.mesh.moves is None:
@@ -180,3 +215,21 @@ class MeshShape(RoundShape):
         vertices = self.mesh.moved_vertices(self.moves)
         share = weights_of_corners(vertices[corner], hits.points)
         return np.einsum("nc,kncj->nkj", share, self.mesh.moves.fields[:, corner])
+
+
+def seen_faces(vertices: Array, faces: Faces, tracer: MeshTracer) -> BoolArray:
+    """Faces (F,) of a mesh [m] that the origin sees whole, by points near their corners and in the middle."""
+    corner = vertices[faces]
+    seen = ~_from_behind(corner)
+    near = NEAR * float(np.ptp(vertices, axis=0).max())
+    for share in SAMPLES:
+        points = np.einsum("c,fci->fi", share, corner[seen])
+        met = tracer.intersect(np.zeros(3), points)
+        seen[seen] = np.linalg.norm(met - points, axis=1) < near
+    return seen
+
+
+def _from_behind(corner: Array) -> BoolArray:
+    """Whether the origin sees faces of some corners (F, 3, 3) edge-on or from behind."""
+    a, b, c = np.moveaxis(corner, 1, 0)
+    return np.asarray(np.einsum("fi,fi->f", a, np.cross(b, c)) >= 0)

@@ -12,12 +12,11 @@ import numpy as np
 
 from procam.arrays import Array, IndexArray
 from procam.maths.geometry.sphere import normalise
-from procam.maths.mesh.facets import Faces, corner_normals
+from procam.maths.mesh.facets import Faces, corner_normals, places
 
 NUMBERS = 7
 INDEPENDENT = 1e-2  # of the largest singular value, from which a way to move counts
 PARALLEL = 0.05  # of normals at an edge: parts that continue each other
-TOGETHER = 1e-6  # of the extent: distance of vertices that are one
 
 Normals = dict[int, tuple[IndexArray, Array]]  # vertices of parts, and normals there
 
@@ -63,9 +62,7 @@ def moved_by(vertices: Array, faces: Faces, part: IndexArray, moves: Mapping[int
 
 def _moved(vertices: Array, normals: Normals, moves: Mapping[int, Array]) -> Array:
     """See `moved_by`. A place is moved by the least that satisfies all parts that meet there."""
-    extent = float(np.ptp(vertices, axis=0).max())
-    _, place = np.unique(np.round(vertices / (TOGETHER * extent)), axis=0, return_inverse=True)
-    place = place.ravel()
+    place = places(vertices)
     rows: list[list[Array]] = [[] for _ in range(place.max() + 1)]
     by: list[list[float]] = [[] for _ in rows]
     for number, (own, normal) in normals.items():

@@ -40,6 +40,26 @@ def test_patches_beside_an_edge_count_less() -> None:
     np.testing.assert_allclose(found.sigma_px, expected)
 
 
+def test_patches_across_a_jump_count_less() -> None:
+    """Two walls of one normal: the edge of the nearer one is at column 319.5 + 400 / 3."""
+    (near, faces), far = (
+        mesh_shapes.box((-3.0, -9.0, -9.0), (3.0, 9.0, 9.0)),
+        [[0, 1, 2], [0, 2, 3]],
+    )
+    panel = np.array([[2.0, -2 / 3, -8], [2, 8, -8], [2, 8, 8], [2, -2 / 3, 8]])
+    vertices = np.concatenate([near, panel])
+    shape = MeshShape.of(
+        vertices, np.concatenate([faces, np.array(far)[:, ::-1] + 8]), convex=False
+    )
+    every = _patches(PATCH_PX)
+    found = widened_at_creases(_rig(shape), {("c", "p"): every})["c", "p"]
+    edge = (SIZE[0] - 1) / 2 + FOCAL / 3
+    away = np.abs(every.projector_px[:, 0] - edge)
+    inside = np.abs(every.projector_px[:, 0] - edge) < 60
+    expected = np.where(away <= REACH * PATCH_PX, np.hypot(0.1, CREASE_PX), 0.1)
+    np.testing.assert_allclose(found.sigma_px[inside], expected[inside])
+
+
 def test_places_and_round_walls_have_no_edge() -> None:
     box = MeshShape.of(*mesh_shapes.box((-3.0, -1.0, -9.0), (3.0, 9.0, 9.0)))
     vertices, faces = mesh_shapes.cylinder(3.0, 18.0, 720, closed=True)

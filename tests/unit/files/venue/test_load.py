@@ -10,7 +10,7 @@ from venue_texts import DISTANCE, MARK_PIXEL, PLAIN, TAGS, edit, load_venue_of, 
 
 from procam.errors import InputError
 from procam.files.images.pixels import write_image
-from procam.files.venue.load import load_venue, template_names, template_text
+from procam.files.venue.load import create_venue, load_venue, template_names, template_text
 
 
 class TestTemplates:
@@ -19,8 +19,7 @@ class TestTemplates:
 
     @pytest.mark.parametrize("name", template_names())
     def test_each_loads(self, tmp_path: Path, name: str) -> None:
-        (tmp_path / "venue.toml").write_text(template_text(name))
-        venue = load_venue(tmp_path)
+        venue = load_venue(create_venue(tmp_path / "venue", name))
         assert venue.cameras and venue.table.projectors and venue.screen.shape.radius_m > 0
 
     def test_the_by_hand_template_loads_with_all_its_examples(self, tmp_path: Path) -> None:
@@ -104,7 +103,7 @@ MISTAKES = {
         "fiducials.1.sigma_degrees",
         [
             "not a known key",
-            "azimuth_deg, elevation_deg, sigma_deg, canvas_m, sigma_m",
+            "azimuth_deg, elevation_deg, sigma_deg, canvas_m, point_m, sigma_m",
             "did you mean sigma_deg?",
         ],
     ),

@@ -14,6 +14,9 @@ PAGE = Path(__file__).parents[4] / "docs" / "howto" / "share-a-session.md"
 REPLACED = {
     "screen.masks",
     "screen.protected",
+    "screen.file",
+    "screen.lit",
+    "screen.others",
     "cameras.*.masks",
     "cameras.*.response",
     "projectors.*.masks",

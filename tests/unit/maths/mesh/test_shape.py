@@ -11,9 +11,31 @@ from procam.kernels.bundle.reference import on_screen
 from procam.maths.geometry.ray_to_screen import RoundShape
 from procam.maths.geometry.sphere import normalise
 from procam.maths.mesh.raycast import MeshTracer, weights_of_corners
-from procam.maths.mesh.rooms import planned_room
+from procam.maths.mesh.rooms import Room, planned_room
 from procam.maths.mesh.shape import MeshShape
 from procam.model.screen import RoomScreen
+from simulators.room_obj import L_LENGTHS
+from simulators.walls import walls_of
+
+
+def l_room() -> Room:
+    """That of `simulators.room_obj`, by walls."""
+    vertices, faces, part, names = [], [], [], []
+    at = np.linspace(0, 1, 13)
+    u, v = np.meshgrid(at, at)
+    index = np.arange(u.size).reshape(u.shape)
+    a, b, c, d = index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]
+    triangles = np.stack([a, b, c, a, c, d], axis=-1).reshape(-1, 3)
+    for number, wall in enumerate(walls_of("L", L_LENGTHS)):
+        vertices.append(wall.points(u, v).reshape(-1, 3))
+        faces.append(triangles + number * u.size)
+        part.append(np.full(len(triangles), number))
+        names.append(wall.name)
+    every = np.concatenate(vertices)
+    places = np.full((len(every), 2), np.nan)
+    return Room(
+        tuple(names), every, np.concatenate(faces), np.concatenate(part), places, (6.0, 8.0)
+    )
 
 
 def test_a_mesh_that_the_origin_does_not_see_is_refused() -> None:
@@ -106,3 +128,32 @@ class TestMovedWalls:
             atol=1e-3,  # its mesh is finer, and so are the faces beside edges
         )
         assert RoomScreen("box", (6.0, 5.0, 3.0), ("front",)).solved(self.drawn).moved == ()
+
+
+class TestRoomOfTheShapeOfAnL:
+    """The inner corner, at (0.5, -0.5), hides parts of walls from who stands beside it."""
+
+    screen = RoomScreen.of_mesh(l_room(), ("front", "inner-front", "floor"), ())
+
+    def test_the_origin_sees_all(self) -> None:
+        assert self.screen.shape.mesh.seen.all()
+
+    def test_what_the_corner_hides(self) -> None:
+        """From (-1, -2) the front wall at x = 2.5 ends at y = 1: the line through the corner."""
+        eye, y = np.array([-1.0, -2.0, 0.0]), np.linspace(-0.4, 2.9, 34)
+        wall = np.stack([np.full_like(y, 2.5), y, np.zeros_like(y)], axis=-1)
+        corner = -2.0 + 3.5 * 1.5 / 1.5
+        np.testing.assert_array_equal(self.screen.shape.sees(eye, wall), y > corner)
+        assert MeshShape.of(*mesh_shapes.box((-3, -3, -1), (3, 3, 1))).sees(eye, wall).all()
+
+    def test_what_the_origin_does_not_see_has_no_place(self) -> None:
+        """A seat hides the floor behind it, and its own back."""
+        room = l_room()
+        seat, faces = mesh_shapes.box((1.0, 1.0, -1.5), (1.5, 1.5, 0.5))
+        vertices = np.concatenate([room.vertices, seat])
+        faces = np.concatenate([room.faces, faces[:, ::-1] + len(room.vertices)])
+        shape = MeshShape.of(vertices, faces, convex=False)
+        down = np.array([[2.0, 2.0, -1.0], [0.5, 2.0, -1.0]]), np.array([[0.0, 0, -1], [0, 0, -1]])
+        found = shape.intersect(*down)
+        assert np.isnan(found[0]).all()
+        np.testing.assert_allclose(found[1], [0.5, 2.0, -1.5], atol=1e-9)
