@@ -122,9 +122,9 @@ def _verdict_on_room(systematic_ratio: float, ratio: str, walls: Sequence[MovedW
             f"({1e3 * worst.most_m:.0f} mm); their places were solved {ratio}"
         )
     if systematic_ratio < MAX_SPHERE_RATIO:
-        return f"the room has the dimensions of venue.toml {ratio}"
+        return f"walls are where venue.toml has them {ratio}"
     return (
-        f"the pictures do not quite fit the dimensions of venue.toml {ratio}. Likely: a wall that is off, a "
+        f"the pictures do not quite fit the screen of venue.toml {ratio}. Likely: a wall that is off, a "
         '"fixed" lens that is, or a device that moved. Standard errors of directions include that'
     )
 

@@ -15,7 +15,7 @@ from procam.workflows.solve.decode import Decoded
 
 # of a projector's decoded pixels: beyond it is noted and refused; some overshoot the rim on purpose
 MUCH_BEYOND, MOST_BEYOND = 0.005, 0.2
-OFF_NOTED, OFF_REFUSED = 0.001, 0.02  # of the lit dome, by the frames of the calibration itself
+OFF_NOTED, OFF_REFUSED = 0.001, 0.02  # of the lit screen, by the frames of the calibration itself
 
 
 def check_on_screen(view: ScreenView, found: Mapping[Pair, Decoded]) -> list[Note]:
@@ -72,14 +72,14 @@ def check_calibration(calibration: Calibration) -> list[Note]:
 
 
 def uneven_picture(calibration: Calibration) -> tuple[float, str]:
-    """Share of the dome where a calibration's own frames make a uniform picture uneven, and a sentence.
+    """Share of the screen where a calibration's own frames make a uniform picture uneven, and a sentence.
 
     It has no stop, and is empty where so little is uneven that it may be the summing of pixels.
     """
     picture = predict_picture(calibration)
     sends = ", ".join(f"{name} from {share:.0%}" for name, share in picture.share_lit.items())
     text = (
-        f"a uniform picture would be off by a tenth or more on {picture.share_off:.1%} of the lit dome, by "
+        f"a uniform picture would be off by a tenth or more on {picture.share_off:.1%} of the lit screen, by "
         f"this calibration itself; projectors would send light from these shares of their pixels: {sends}"
     )
     return picture.share_off, text if picture.share_off > OFF_NOTED else ""

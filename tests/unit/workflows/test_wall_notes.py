@@ -27,5 +27,5 @@ def test_a_tilt_is_not_called_a_distance() -> None:
 def test_the_verdict_names_the_worst() -> None:
     said = _verdict_on_room(1.0, "(ratio 1.0)", [LEFT, FLOOR])
     assert "floor most (26 mm); their places were solved (ratio 1.0)" in said
-    assert _verdict_on_room(1.0, "(r)", []) == "the room has the dimensions of venue.toml (r)"
+    assert _verdict_on_room(1.0, "(r)", []) == "walls are where venue.toml has them (r)"
     assert "do not quite fit" in _verdict_on_room(2.0, "(r)", [FLOOR])
