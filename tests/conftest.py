@@ -41,7 +41,7 @@ LONG = frozenset(
     acceptance audience behaviour camera cli_bundle cli_camera cli_chunks cli_external cli_pair
     cli_response content_small crash dataset_small demo_small diagnosis direction_samples doctor
     drifts_small eight_bits floor_albedo foreign_codes_small foreign_dome_small full_disk_commands
-    fuzz howto_commands kernels_build kernels_frame large_camera light_refusals measured_rooms
+    fuzz howto_commands kernels_build kernels_frame large_camera light_refusals measured_rooms meshed_dome
     mistakes_small
     mutations notebooks other_seat own_devices page photometry_small physics_foreign_boards
     physics_forms planar_pair precision_small predecessor preference preference_statistics

@@ -22,6 +22,9 @@ from procam.files.toml import read_toml
 from procam.files.venue.load import Venue, load_venue
 from procam.files.venue.masks import projector_masks
 from procam.model.plan import Plan
+from simulators.room_obj import obj_text
+from simulators.scene import SceneSize
+from simulators.template import walls_text
 
 OLD, NEW = "0" * 64, "1" * 64  # hashes of an input
 
@@ -196,3 +199,27 @@ def test_what_procam_notes_about_patterns_stays_in_the_plan() -> None:
         assert shared_plan(plan) == plan
     noted = replace(WHITE, detail={"number": 3, "code": "micro-phase", "by": "annika"})
     assert shared_plan(Plan((noted,))).shots[0].detail == {"code": "micro-phase", "number": 3}
+
+
+def test_a_mesh_goes_without_the_words_of_its_file(tmp_path: Path) -> None:
+    """Its parts have numbers for names, but those of usual walls."""
+    size = SceneSize(camera_size=(60, 60), projector_size=(64, 40), rays=64)
+    text = walls_text("L", size).split("[simulated]")[0]
+    text = text.replace('backend = "simulated"', 'backend = "by-hand"')
+    text = text.replace('control = { protocol = "escvp21", port = "backend" }', "")
+    text = text.replace('"inner-front", "floor"]', '"annikas-wall", "floor"]')
+    text = text.replace("other_albedo =", "others = {inner-right = [0.3, 0.1]}\nother_albedo =")
+    folder = tmp_path / "venue"
+    folder.mkdir()
+    (folder / "venue.toml").write_text(text, "utf-8")
+    mesh = obj_text().replace("g inner-front", "# annika\ng annikas wall")
+    (folder / "room.obj").write_text(mesh, "utf-8")
+    venue = load_venue(folder)
+    write_bundle(venue, take_session(venue), tmp_path / "out.zip")
+    for name, content in contents(tmp_path / "out.zip").items():
+        assert b"annika" not in content, name
+    open_bundle(tmp_path / "out.zip", tmp_path / "new")
+    opened = load_venue(tmp_path / "new").screen
+    assert opened.lit == ("front", "part-2", "floor")  # type: ignore[union-attr]
+    assert ("part-1", 0.3, 0.1) in opened.others  # type: ignore[union-attr]
+    assert opened.size == venue.screen.size  # type: ignore[union-attr]
