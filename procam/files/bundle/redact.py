@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from procam.errors import InputError
+from procam.files.obj import shared_parts
 from procam.files.session import Session
 from procam.files.venue.load import Venue
-from procam.files.venue.mesh_screen import shared_parts
 from procam.files.venue.sharing import shared_tables
 from procam.files.venue.tables import MeshTable
 from procam.model.plan import Plan

@@ -18,10 +18,10 @@ from procam.files.bundle.manifest import FileEntry, Manifest, entry_of
 from procam.files.bundle.original import original_figures
 from procam.files.bundle.pictures import frame_bytes, mask_bytes, picture_bytes, response_bytes
 from procam.files.bundle.redact import ALWAYS, Redacted, redact, shared_plan
+from procam.files.obj import shared_text
 from procam.files.session import Session, digest
 from procam.files.session_tables import StoredFrame, plan_text
 from procam.files.venue.load import Venue
-from procam.files.venue.mesh_screen import shared_text
 from procam.model.plan import Plan, Shot
 
 FIRST = (1980, 1, 1, 0, 0, 0)  # zip's earliest time

@@ -1,36 +1,27 @@
 """The mesh of a room from an OBJ file: its groups are parts, its texture coordinates places on the canvas."""
 
-import io
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import count
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from procam.arrays import Array, BoolArray, IndexArray
-from procam.errors import FileFormatError
+from procam.arrays import Array, BoolArray
 from procam.files.meshes import Surface, checked
+from procam.files.obj import MOST_FACES, read_obj
 from procam.maths.mesh.canvas import rasterised_share
 from procam.maths.mesh.facets import face_areas
 from procam.maths.mesh.raycast import MeshTracer
-from procam.maths.mesh.rooms import BOX, CYLINDER, Room
+from procam.maths.mesh.rooms import Room
 from procam.maths.mesh.shape import seen_faces
 from procam.maths.mesh.subdivision import subdivided
 
-EXTRA = 'pip install "procam[geom]"'
 LARGEST_M = 500.0
-MOST_FACES = 100_000  # whose form factors fit into 1.5 GB
 FACES = 6000  # of a mesh of few, about
 HIDDEN = 0.01  # of a lit part's area: what the origin may not see of it
 OVERLAP = 0.02  # of the area of texture islands: rounding of pixels, at most
 OUTSIDE = 1e-6  # of texture coordinates
 MIRRORED = 0.01  # of the lit area
-GEOMETRY = ("v", "vt", "f")
-USUAL = {*BOX, *CYLINDER}
-NUMBERS = re.compile(r"[-+0-9.eE/]+|[-+]?(?:nan|inf)", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -61,7 +52,7 @@ def read_room(file: MeshFile) -> Room:
         lit do not exist, have no place on the canvas, overlap there or are mirrored; or the origin does not
         see them.
     """
-    surface, names = _read(file.path)
+    surface, names = read_obj(file.path)
     _check_numbers(surface)
     surface = replace(surface, vertices=surface.vertices - np.array(file.origin_m))
     surface = checked(surface)
@@ -71,99 +62,6 @@ def read_room(file: MeshFile) -> Room:
     _check_overlap(surface, room)
     _check_sight(surface, room, file)
     return room
-
-
-def _read(path: Path) -> tuple[Surface, tuple[str, ...]]:
-    """The surface of a file, polygons as triangles, and the names of its parts."""
-    if path.suffix.lower() != ".obj":
-        raise FileFormatError(f"{path}: meshes are read from .obj files; export it as one")
-    if not path.is_file():
-        raise FileFormatError(f"{path}: no such file; a mesh is needed. Check the name")
-    loader = _trimesh()
-    try:
-        text, groups = geometry_text(path)
-        scene = loader.load_scene(
-            io.StringIO(text), "obj", process=False, split_groups=groups, split_objects=not groups
-        )
-        parts = dict(sorted(scene.geometry.items()))
-        if not any(len(getattr(part, "faces", ())) for part in parts.values()):
-            raise ValueError("it has no faces")
-        if any(part.vertices.shape[1:] != (3,) for part in parts.values()):
-            raise ValueError("its points have no three coordinates")
-        return _joined(path, list(parts.values())), tuple(map(_part_name, parts))
-    except Exception as error:  # trimesh raises of every kind
-        raise FileFormatError(
-            f"{path} is not a readable OBJ mesh ({' '.join(str(error).split())}); export it again"
-        ) from error
-
-
-def _trimesh() -> Any:
-    try:
-        import trimesh  # noqa: PLC0415
-    except ImportError as error:
-        raise FileFormatError(
-            f"mesh screen: trimesh, which reads meshes, is not installed; run: {EXTRA}"
-        ) from error
-    return trimesh
-
-
-def geometry_text(path: Path) -> tuple[str, bool]:
-    """Vertices, texture coordinates and faces of an OBJ file, and nothing that may be private.
-
-    Also whether it has groups; else its objects are the parts.
-    """
-    text = path.read_text("utf-8", errors="replace").replace("\\\n", " ")
-    groups = re.search(r"^g\s+\S", text, re.MULTILINE) is not None
-    lines = list[str]()
-    for line in text.splitlines():
-        key, *words = line.split() if line.strip() else [""]
-        if key == ("g" if groups else "o"):
-            lines.append(f"{key} {_part_name(' '.join(words))}")
-        elif key in GEOMETRY and all(NUMBERS.fullmatch(word) for word in words):
-            lines.append(" ".join([key, *words]))
-    return "\n".join(lines) + "\n", groups
-
-
-def shared_parts(path: Path) -> dict[str, str]:
-    """Names of a file's parts, and those that they have in a bundle: numbers, but those of usual walls."""
-    text, _ = geometry_text(path)
-    names = dict.fromkeys(re.findall(r"^[go] (\S+)$", text, re.MULTILINE))
-    fresh = (f"part-{number}" for number in count(1))
-    return {name: name if name in USUAL else next(fresh) for name in names}
-
-
-def shared_text(path: Path) -> str:
-    """What a bundle has of a file."""
-    names = shared_parts(path)
-    return re.sub(
-        r"^([go]) (\S+)$",
-        lambda found: f"{found[1]} {names[found[2]]}",
-        geometry_text(path)[0],
-        flags=re.MULTILINE,
-    )
-
-
-def _part_name(name: str) -> str:
-    return re.sub(r"[^A-Za-z0-9_-]+", "-", name).strip("-") or "part"
-
-
-def _joined(path: Path, parts: Sequence[Any]) -> Surface:
-    """One surface of the parts."""
-    faces, texture, start = list[IndexArray](), list[Array](), 0
-    for part in parts:
-        own = np.asarray(part.faces, np.intp).reshape(-1, 3)
-        uv = getattr(part.visual, "uv", None)
-        blank = np.full((len(part.vertices), 2), np.nan)
-        texture.append((blank if uv is None else np.asarray(uv, float)[:, :2])[own])
-        faces.append(own + start)
-        start += len(part.vertices)
-    return Surface(
-        path,
-        np.concatenate([np.asarray(part.vertices, float)[:, :3] for part in parts]),
-        np.concatenate(faces),
-        np.repeat(np.arange(len(parts)), [len(own) for own in faces]),
-        np.concatenate(texture),
-    )
 
 
 def _check_numbers(surface: Surface) -> None:
@@ -176,11 +74,6 @@ def _check_numbers(surface: Surface) -> None:
         raise surface.fault(
             f"it extends over {surface.extent:.6g} m, more than {LARGEST_M:g}; if it is in millimetres, "
             "scale it by 0.001 to metres"
-        )
-    if len(surface.faces) > MOST_FACES:
-        raise surface.fault(
-            f"{len(surface.faces)} faces; {MOST_FACES} fit into memory, and 20000 are plenty. Reduce it, "
-            "such as by quadric decimation"
         )
 
 

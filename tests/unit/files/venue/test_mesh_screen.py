@@ -2,6 +2,7 @@
 
 import re
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,7 +10,8 @@ import numpy as np
 import pytest
 
 from procam.errors import FileFormatError
-from procam.files.venue.mesh_screen import MeshFile, read_room, shared_text
+from procam.files.obj import shared_text
+from procam.files.venue.mesh_screen import MeshFile, read_room
 from procam.maths.mesh.facets import face_areas
 from procam.maths.mesh.rooms import Room
 from simulators.room_obj import CANVAS_M, obj_text
@@ -66,6 +68,28 @@ def test_materials_split_nothing_and_objects_are_parts_where_there_are_no_groups
 ) -> None:
     text = TEXT.replace("\nf ", "\nusemtl paint\nf ").replace("\ng ", "\no ")
     assert areas(read_room(file_of(text, tmp_path))) == areas(room)
+
+
+@pytest.mark.parametrize("change", [
+    lambda text: text.replace("\n", "\r\n"), lambda text: "\ufeff" + text.replace("v ", "v\t "),
+    lambda text: text.replace("f 1 2 3 4", "f 1 2 \\\n3 4"), lambda text: text + "s off\nl 1 2\n",
+    lambda text: re.sub(r"(?m)^(vt .*)$", r"\1 0.0", text),
+    lambda text: re.sub(r"(?m)^(v .*)$", r"\1 1 0.5 0", text),
+    lambda text: text.replace("f 1 2 3 4", "f -4 -3 -2 -1"),
+    lambda text: text.replace("f 1 2 3 4", "vn 0 -1 0\nf 1//1 2//1 3//1 4//1"),
+    lambda text: re.sub(r"(\d+)/(\d+)", r"\1/\2/1", text + "vn 0 0 1\n"),
+], ids=["CRLF", "BOM and tabs", "continued", "lines", "vt of 3", "colours", "negative",
+        "normals", "all three"])  # fmt: skip
+def test_what_exporters_write(tmp_path: Path, room: Room, change: Callable[[str], str]) -> None:
+    file = file_of("", tmp_path)
+    file.path.write_text(change(TEXT), "utf-8", newline="")
+    assert areas(read_room(file)) == areas(room)
+
+
+def test_faces_before_any_group_are_a_part(tmp_path: Path) -> None:
+    text = TEXT.replace("g left\n", "")
+    assert "part" in read_room(file_of(text, tmp_path)).names
+    assert shared_text(tmp_path / "room.obj").count("g part-1\n") == 1
 
 
 def test_names_become_names_of_files(tmp_path: Path) -> None:
@@ -126,6 +150,7 @@ BAD = {
     "prose": ("nothing of the kind", {}, "not a readable OBJ mesh"),
     "no such vertex": ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n", {}, "not a readable OBJ mesh"),
     "flat points": ("v 0 0\nv 1 0\nv 0 1\nf 1 2 3\n", {}, "not a readable OBJ mesh"),
+    "words": (TEXT.replace("f 1 2 3 4", "f 1 2 3 x"), {}, "'f 1 2 3 x' has words where numbers"),
     "a hole": (
         TEXT.replace("f 1 2 3 4\n", "").replace("f 17 18 19 20\n", ""),
         {},
@@ -149,7 +174,7 @@ def test_too_many_faces_are_refused_with_the_number_that_fits(tmp_path: Path) ->
     for y in range(n - 1):
         at = y * n + 1
         lines += [f"f {at + x} {at + x + 1} {at + x + n + 1} {at + x + n}" for x in range(n - 1)]
-    with pytest.raises(FileFormatError, match="318402 faces; 100000 fit into memory, and 20000"):
+    with pytest.raises(FileFormatError, match="159201 faces; 100000 fit into memory, and 20000"):
         read_room(file_of("\n".join(lines), tmp_path, lit=("part",)))
 
 
