@@ -237,7 +237,7 @@ def _document(calibration: Calibration) -> dict[str, Any]:
 
 
 def _screen_entry(screen: Screen) -> dict[str, Any]:
-    """What its fields say; a mesh has a file of its own."""
+    """Its fields; a mesh has a file of its own."""
     of = replace(screen, mesh=None) if isinstance(screen, RoomScreen) else screen
     entry = {**asdict(of), "kind": screen.kind}
     entry.pop("mesh", None)

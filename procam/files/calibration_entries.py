@@ -31,6 +31,10 @@ Bounds = tuple[float, float]
 ANY: Bounds = (-1e9, 1e9)  # of lengths, angles and pixels: wider than any rig
 POSITIVE: Bounds = (1e-9, 1e9)
 SHARE: Bounds = (0.0, 1.0)
+EXTENT: Bounds = (
+    0.0,
+    1e4,
+)  # [m] of a flat screen too; dimensions are checked where a room is made of them
 ROOMS = ("box", "cylinder", "mesh")
 MOST_MOVED_M = 1.0  # of a wall: more is another room
 ANGLE: Bounds = (-2 * np.pi, 2 * np.pi)
@@ -103,7 +107,7 @@ def screen(entry: dict[str, Any], mesh: "Room | None" = None) -> Screen:
 
 
 def _room(entry: dict[str, Any], mesh: "Room | None") -> RoomScreen:
-    lit, size = tuple(map(str, entry["lit"])), numbers(entry, "size", (3,), POSITIVE).tolist()
+    lit, size = tuple(map(str, entry["lit"])), numbers(entry, "size", (3,), EXTENT).tolist()
     others = [
         (str(n), *numbers({"albedo": pair}, "albedo", (2,), SHARE).tolist())
         for n, *pair in entry["others"]

@@ -24,7 +24,9 @@ from procam.maths.mesh.facets import half_edges, shared_edges
 WELD = 1e-6  # of the extent: vertices nearer than this are one
 NO_AREA = 1e-12  # of the extent squared: faces smaller than this are none
 OTHER_RIM = 0.5  # of the longest rim: how long the other end of a tube is at least
-AROUND = 0.01  # of a whole turn: solid angle below which a component is a body beside the origin
+AROUND = (
+    1e-6  # of a whole turn: solid angle below which a component is a closed body beside the origin
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -214,13 +216,16 @@ def _open_edges(surface: Surface) -> IndexArray:
 
 def _cut(surface: Surface, edges: IndexArray) -> Iterator[IndexArray]:
     """The parts (K, 2) of each edge between the other edges' vertices that lie on it."""
-    ends = np.unique(edges)
-    points = surface.vertices[ends]
-    for start, end in edges:
-        a, b = surface.vertices[[start, end]]
+    every = np.unique(edges)
+    near, tree = WELD * surface.extent, cKDTree(surface.vertices[every])
+    middle = surface.vertices[edges].mean(axis=1)
+    reach = np.linalg.norm(np.diff(surface.vertices[edges], axis=1)[:, 0], axis=1) / 2 + near
+    for (start, end), around in zip(edges, tree.query_ball_point(middle, reach), strict=True):
+        ends, (a, b) = every[around], surface.vertices[[start, end]]
+        points = surface.vertices[ends]
         share = (points - a) @ (b - a) / ((b - a) @ (b - a))
         off = np.linalg.norm(points - a - share[:, None] * (b - a), axis=1)
-        on = (off < WELD * surface.extent) & (share > WELD) & (share < 1 - WELD)
+        on = (off < near) & (share > WELD) & (share < 1 - WELD)
         chain = np.concatenate([[start], ends[on][np.argsort(share[on])], [end]])
         yield np.stack([chain[:-1], chain[1:]], axis=1)
 

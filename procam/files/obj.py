@@ -85,23 +85,55 @@ def _geometry_text(path: Path) -> tuple[str, bool]:
     Also whether it has groups; else its objects are the parts. Faces of none are the part `UNNAMED`.
     """
     text = path.read_text("utf-8-sig", errors="replace").replace("\\\n", " ")
-    groups = re.search(r"^g\s+\S", text, re.MULTILINE) is not None
+    rows = [line.partition("#")[0].split() or [""] for line in text.split("\n")]
+    names = {key: {" ".join(w) for k, *w in rows if k == key} for key in ("g", "o")}
+    groups = len(names["g"]) > 1 or not names["o"]
     part, named, lines, counts = "g" if groups else "o", False, list[str](), Counter[str]()
-    for line in text.split("\n"):
-        key, *words = line.split() or [""]
+    points = list[list[float]]()
+    _refuse_one_name(names[part])
+    for key, *words in rows:
         if key == part:
             named = True
             lines.append(f"{part} {_part_name(' '.join(words))}")
         elif key in GEOMETRY:
             if not all(NUMBERS.fullmatch(word) for word in words):
-                raise ValueError(f"{line[:40]!r} has words where numbers belong")
+                line = " ".join([key, *words])[:40]
+                raise ValueError(f"{line!r} has words where numbers belong")
             if key == "f" and not named:
                 named = True
                 lines.append(f"{part} {UNNAMED}")
             counts[key] += 1
-            corners = [_from_first(word, counts) for word in words] if key == "f" else words
-            lines.append(" ".join([key, *corners]))
+            if key == "v":
+                points.append([float(word) for word in words[:3]])
+            if key == "f":
+                words = _fan([_from_first(word, counts) for word in words], points)  # noqa: PLW2901
+            lines.append(" ".join([key, *words]))
     return "\n".join(lines) + "\n", groups
+
+
+def _fan(corners: list[str], points: Sequence[Sequence[float]]) -> list[str]:
+    """Corners of a polygon, turned so that triangles from its first corner cover it."""
+    if len(corners) <= 3:
+        return corners
+    at = np.array([points[int(corner.split("/")[0]) - 1] for corner in corners])
+    for first in range(len(corners)):
+        edges = np.roll(at, -first, axis=0)[1:] - at[first]
+        normals = np.cross(edges[:-1], edges[1:])
+        total = normals.sum(axis=0)
+        if not (normals @ total < -1e-9 * (total @ total)).any():  # NaN is for others to refuse
+            return corners[first:] + corners[:first]
+    raise ValueError(
+        f"a polygon of {len(corners)} corners has several that point inwards; triangulate when exporting"
+    )
+
+
+def _refuse_one_name(names: set[str]) -> None:
+    """Refuse names that differ only in signs that names of parts do not have."""
+    given = dict[str, str]()
+    for name in sorted(names):
+        other = given.setdefault(_part_name(name), name)
+        if other != name:
+            raise ValueError(f"its parts {other!r} and {name!r} would both be {_part_name(name)!r}")
 
 
 def _from_first(corner: str, counts: Mapping[str, int]) -> str:

@@ -41,6 +41,7 @@ MAX_OFFSET_WIDTHS = 3.0  # of a principal point outside the picture
 BELOW_RIM_DEG = 5.0  # of a mark: on the rim's frame at most
 DOME_KEYS, ROOM_KEYS = ("azimuth_deg", "elevation_deg", "sigma_deg"), ("canvas_m", "sigma_m")
 MESH_KEYS = ("canvas_m", "point_m", "sigma_m")
+MARKS_OF_ROOMS = "canvas_m and sigma_m", "canvas_m or point_m, and sigma_m"
 MARK_KEYS = {"dome": DOME_KEYS, "mesh": MESH_KEYS}
 COEFFICIENTS = {"kannala-brandt": 4, "brown": 5}
 
@@ -239,7 +240,7 @@ def _place_mistakes(table: VenueTable, screen: Screen) -> Iterator[str]:
     for where, mark in marks:
         for key in (*DOME_KEYS, *MESH_KEYS):
             if key not in keys and getattr(mark, key) is not None:
-                own = "angles" if kind == "dome" else " and ".join(keys)
+                own = "angles" if kind == "dome" else MARKS_OF_ROOMS[kind == "mesh"]
                 yield f"{where}.{key} is not for a {kind}, where marks have {own}; remove it"
         if isinstance(screen, Dome) and mark.azimuth_deg is None and mark.elevation_deg is None:
             yield f"{where} has no angle; add azimuth_deg, elevation_deg or both"

@@ -14,6 +14,7 @@ from procam.files.venue.tables import (
     BoxTable,
     CylinderTable,
     DomeTable,
+    MeshTable,
     VenueTable,
 )
 
@@ -22,6 +23,7 @@ SCREENS: dict[str | int, type[BaseModel]] = {
     "dome": DomeTable,
     "box": BoxTable,
     "cylinder": CylinderTable,
+    "mesh": MeshTable,
 }
 NUMBER, WHOLE = "a number", "a whole number"
 LIST, TABLE = "a list in brackets", "a table of name = value"

@@ -1,4 +1,4 @@
-"""The canvas of a room whose middle sees all of it: pixels of pictures, and directions of their places."""
+"""The canvas of a room: pixels of pictures, and directions of their places from its origin."""
 
 from functools import cached_property
 

@@ -17,7 +17,7 @@ PARTS = {
 def subdivided(
     vertices: Array, faces: IndexArray, edge_m: float, most: int
 ) -> tuple[Array, IndexArray, IndexArray]:
-    """A mesh without edges that are longer than `edge_m`, or of more than `most` faces where it gets there.
+    """A mesh without edges that are longer than `edge_m`, as far as `most` faces allow.
 
     An edge is halved or left on all its faces alike, so that no crack opens.
 
@@ -30,19 +30,18 @@ def subdivided(
     vertices (W, 3 + N), faces (G, 3), and the face (G,) that each was a part of.
     """
     origin = np.arange(len(faces))
-    while len(faces) <= most:
+    while True:
         ends = np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1)
         length = np.linalg.norm(np.diff(vertices[ends][..., :3], axis=2)[:, :, 0], axis=-1)
         cut = length > edge_m
-        if not cut.any():
-            break
+        if not cut.any() or len(faces) + cut.sum() > most:
+            return vertices, faces, origin
         middles, number = np.unique(np.sort(ends[cut], axis=1), axis=0, return_inverse=True)
         middle = np.full(faces.shape, -1)
         middle[cut] = len(vertices) + number.ravel()
         vertices = np.concatenate([vertices, vertices[middles].mean(axis=1)])
         faces, part = _cut(np.concatenate([faces, middle], axis=1), cut)
         origin = origin[part]
-    return vertices, faces, origin
 
 
 def _cut(corners: IndexArray, cut: Array) -> tuple[IndexArray, IndexArray]:

@@ -60,3 +60,10 @@ def test_objects_are_not_unpickled(room: Room, tmp_path: Path) -> None:
     write_mesh(tmp_path / "screen.npz", replace(room, names=(object(),)))  # type: ignore[arg-type]
     with pytest.raises(FileFormatError, match="allow_pickle=False"):
         read_mesh(tmp_path / "screen.npz")
+
+
+def test_a_flat_screen_has_an_extent_of_0(room: Room) -> None:
+    mesh = RoomScreen.of_mesh(replace(room, vertices=room.vertices * [0, 1, 1]), ("front",), ())
+    entry = {"kind": "mesh", "size": list(mesh.size), "lit": list(room.names), "others": []}
+    found = screen({**entry, "digest": mesh.digest}, mesh.mesh)
+    assert found.size[0] == 0  # type: ignore[union-attr]

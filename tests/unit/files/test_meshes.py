@@ -89,6 +89,18 @@ class TestGoodMeshes:
         turned = np.concatenate([faces, walls[:, ::-1] + len(vertices)])
         same(checked(surface(both[0], turned)), both)
 
+    @pytest.mark.parametrize("at", [(-2.9, 1.0), (4.5, 3.5)])
+    def test_small_open_pieces_face_the_audience(self, at: tuple[float, float]) -> None:
+        """A sign on a stand and a seat without a bottom, small as they are seen from the origin."""
+        (vertices, faces), (x, y) = SHAPES["room"], at
+        sign = np.array([[x, y, 0], [x, y + 0.2, 0], [x, y + 0.2, 0.2], [x, y, 0.2]])
+        seen = sign[[0, 1, 2]][:, 0].mean() > 0  # beyond x = 0 it is seen from the left
+        order = [[0, 2, 1], [0, 3, 2]] if seen else [[0, 1, 2], [0, 2, 3]]
+        both = np.concatenate([vertices, sign]), np.concatenate([faces, np.array(order) + 8])
+        same(checked(surface(*both)), both)
+        turned = np.concatenate([faces, np.array(order)[:, ::-1] + 8])
+        same(checked(surface(both[0], turned)), both)
+
     def test_faces_without_area_and_duplicates_are_dropped(self) -> None:
         vertices, faces = SHAPES["dome"]
         spoilt = np.concatenate([faces, [[3, 3, 5], [7, 8, 8]], faces[:4], faces[:1, ::-1]])

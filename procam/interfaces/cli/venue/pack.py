@@ -49,7 +49,8 @@ def pack(
     output.say(f"{out} written, {size / MB:.1f} MB: {content(manifest)} of {folder}")
     say_left_out(manifest, output)
     output.say(
-        "photographs and the names of devices are in it; look at them before you give it away"
+        "photographs, the mesh of a room and the names of devices are in it; look at them before you give "
+        "it away"
     )
     output.finish(document(manifest) | {"bundle": str(out), "bytes": size})
 

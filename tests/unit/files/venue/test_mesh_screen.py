@@ -92,6 +92,36 @@ def test_faces_before_any_group_are_a_part(tmp_path: Path) -> None:
     assert shared_text(tmp_path / "room.obj").count("g part-1\n") == 1
 
 
+@pytest.mark.parametrize("first", range(6))
+def test_a_polygon_with_an_inner_corner_has_its_area(tmp_path: Path, first: int) -> None:
+    """The ceiling of the L as modellers write it, from any of its corners on."""
+    points = "v 0.5 -0.5 1.5\nv 0.5 -3 1.5\nv -2.5 -3 1.5\n"
+    corners = " ".join(map(str, np.roll([33, 34, 35, 37, 38, 39], -first)))
+    text = TEXT[: TEXT.index("f 33")] + points + f"f {corners}\n"
+    assert areas(read_room(file_of(text, tmp_path)))["ceiling"] == pytest.approx(25)
+
+
+def test_a_smooth_wall_is_round_where_its_faces_are_cut(tmp_path: Path) -> None:
+    """Twelve facets of half a cylinder are 43 mm off as they are."""
+    angle = np.linspace(np.pi / 2, -np.pi / 2, 13)
+    lines = [f"v {5 * np.cos(a):.9f} {5 * np.sin(a):.9f} {z}" for a in angle for z in (1.5, -1.5)]
+    lines += [f"vt {i / 12:.9f} {v}" for i in range(13) for v in (1, 0)]
+    for i in range(1, 25, 2):
+        lines.append("f " + " ".join(f"{n}/{n}" for n in (i, i + 1, i + 3, i + 2)))
+    file = file_of("\n".join(lines), tmp_path, lit=("part",), canvas=(5236, 1000))
+    off = {
+        smooth: np.abs(np.hypot(*read_room(replace(file, smooth=smooth)).vertices[:, :2].T) - 5)
+        for smooth in (False, True)
+    }
+    assert off[False].max() > 0.04
+    assert off[True].max() < 0.006
+
+
+def test_one_group_of_nothing_leaves_the_objects(tmp_path: Path, room: Room) -> None:
+    text = "g off\n" + TEXT.replace("\ng ", "\no ")
+    assert areas(read_room(file_of(text, tmp_path))) == areas(room)
+
+
 def test_names_become_names_of_files(tmp_path: Path) -> None:
     text = TEXT.replace("g front", "g the front.001")
     found = read_room(file_of(text, tmp_path, lit=("the-front-001", "floor")))
@@ -123,7 +153,7 @@ BAD = {
     "mirrored": (
         re.sub(r"vt (\S+)", lambda m: f"vt {1 - float(m[1]):g}", TEXT),
         {},
-        "8 of 8 lit faces, the first in group .* would be mirrored; turn their texture over",
+        "2 of 2 faces of group front .* mirrored; turn their texture over, or set screen.origin_m",
     ),
     "overlap": (
         TEXT.replace("f 13/5 14/6 15/7 16/8", "f 13/1 14/2 15/3 16/4"),
@@ -150,6 +180,24 @@ BAD = {
     "prose": ("nothing of the kind", {}, "not a readable OBJ mesh"),
     "no such vertex": ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n", {}, "not a readable OBJ mesh"),
     "flat points": ("v 0 0\nv 1 0\nv 0 1\nf 1 2 3\n", {}, "not a readable OBJ mesh"),
+    "aspect": (
+        TEXT,
+        {"canvas": (2048, 1536)},
+        r"pictures of canvas = \[2048, 1536\] .* by 0\.56 in height; .* \[2048, 2731\] fits",
+    ),
+    "door on a wall": (
+        TEXT
+        + "g door\nv -1 2.999999 1\nv -1 2.999999 -1\nv 0 2.999999 -1\nv 0 2.999999 1\nf 41 42 43 44\n",
+        {},
+        "faces of group (door lie on faces of group left|left lie on faces of group door)",
+    ),
+    "one name": (TEXT.replace("g left", "g a b").replace("g back", "g a-b"), {}, "'a b' and 'a-b'"),
+    "folds": (
+        "v 0 0 1\nv 4 0 1\nv 4 4 1\nv 3 1 1\nv 2 4 1\nv 1 1 1\nv 0 4 1\nf 1 2 3 4 5 6 7\n",
+        {},
+        "a polygon of 7 corners has several that point inwards; triangulate",
+    ),
+    "on a vertex": (TEXT, {"origin_m": (2.5, 3.0, 1.5)}, "set screen.origin_m within the room"),
     "words": (TEXT.replace("f 1 2 3 4", "f 1 2 3 x"), {}, "'f 1 2 3 x' has words where numbers"),
     "a hole": (
         TEXT.replace("f 1 2 3 4\n", "").replace("f 17 18 19 20\n", ""),
