@@ -88,7 +88,7 @@ def _drawn_higher(text: str) -> str:
 
 
 def test_pixels_land_where_they_land(room: Room) -> None:
-    """Within 1 mm for each metre of the screen's width."""
+    """Within 1 mm for each metre of the screen's width; at the edge of a shadow on either wall."""
     _, calibration, scene = room
     shape, width_m = calibration.screen.shape, calibration.screen.room.size_m[0]  # type: ignore[union-attr]
     for name, light in scene.lights.items():
@@ -97,7 +97,10 @@ def test_pixels_land_where_they_land(room: Room) -> None:
         assert both.sum() > 0.8 * light.lit.sum()
         direction = surface.direction[both].astype(float)
         away = shape.radius_at(direction)[:, None] * direction - light.direction[both]
-        assert np.sqrt(np.mean(np.sum(away**2, axis=1))) < 1e-3 * width_m
+        distance = np.linalg.norm(away, axis=1)
+        on_other_wall = distance > 0.02 * width_m
+        assert on_other_wall.mean() < 1e-3
+        assert np.sqrt(np.mean(distance[~on_other_wall] ** 2)) < 1e-3 * width_m
         areas = surface.solid_angle_sr[both] / light.area_m2[both]
         assert np.median(areas) == pytest.approx(1, abs=5e-3)
 

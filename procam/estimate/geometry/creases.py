@@ -17,6 +17,10 @@ from procam.model.optics import ProjectorModel
 
 REACH = 4.0  # of a patch, from its centre: those of a block have one curvature
 CREASE_PX = 0.5  # error that a kink makes of a patch's place
+JUMP_PX = 10.0  # and a jump, whose fit is of no use
+JUMP = 4.0  # of the steps on either side: a step from wall to wall
+STEPS = 8  # from the centre of a patch to a corner of what is around it
+CORNERS = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
 BEND = np.radians(20)  # between normals of a smooth surface, whose chords lean by half of it
 
 
@@ -32,15 +36,31 @@ def widened_at_creases(
 
 def _widened(shape: MeshShape, projector: ProjectorModel, some: Observations) -> Observations:
     added = np.where(_is_clear(shape, projector, some), 0.0, CREASE_PX)
+    added[_has_jump(shape, projector, some)] = JUMP_PX
     return replace(some, sigma_px=np.hypot(some.sigma_px, added))
+
+
+def _has_jump(shape: MeshShape, projector: ProjectorModel, some: Observations) -> BoolArray:
+    """Whether light around patches (N,) falls on two walls, one before the other.
+
+    From the centre to the corners of what is around, points on walls that meet are as far from each other as
+    on either side of the edge.
+    """
+    found = np.zeros(len(some.projector_px), bool)
+    for corner in CORNERS:
+        ways = np.linspace(0, 1, STEPS + 1)[:, None, None] * REACH * some.patch_px * corner
+        points = np.stack([_met(shape, projector, some.projector_px + way)[0] for way in ways])
+        step = np.linalg.norm(np.diff(points, axis=0), axis=-1)
+        found |= (step[1:-1] > JUMP * np.maximum(step[:-2], step[2:])).any(axis=0)
+    return found
 
 
 def _is_clear(shape: MeshShape, projector: ProjectorModel, some: Observations) -> BoolArray:
     """Whether patches (N,) are on one surface, by points and normals at their centres and corners."""
     middle, normal = _met(shape, projector, some.projector_px)
     clear = np.ones(len(middle), bool)
-    for corner in ((-1, -1), (1, -1), (1, 1), (-1, 1)):
-        at = some.projector_px + REACH * some.patch_px * np.array(corner)
+    for corner in CORNERS:
+        at = some.projector_px + REACH * some.patch_px * corner
         point, there = _met(shape, projector, at)
         chord = point - middle
         alike = np.einsum("ni,ni->n", normal, there)

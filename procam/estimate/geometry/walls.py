@@ -16,6 +16,7 @@ from procam.maths.mesh.wall_moves import outwards
 CONTRADICTS = (
     5.0  # standard deviations of chi squared, from which walls are not where they were drawn
 )
+EVEN_M = 1e-3  # rms over a wall
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,13 +52,17 @@ def with_walls(
 
 
 def _contradicts_drawing(rig: RigGeometry, covariance: Array) -> bool:
-    """Whether the moves of a room's walls, with the rig's covariance (P, P), are more than chance."""
+    """Whether the moves of a room's walls, with the rig's covariance (P, P), are more than chance.
+
+    Walls are uneven by `EVEN_M`, so that angles known far better than that contradict nothing.
+    """
     assert isinstance(rig.shape, MeshShape)
     moves = rig.shape.moves
     if not moves.size:
         return False
     own = ParameterLayout.of(rig).screen
     variance = covariance[own, own][2:, 2:]  # after the radius and the mesh itself
+    variance = variance + (EVEN_M / rig.shape.radius_m) ** 2 * np.eye(moves.size)
     excess = moves @ np.linalg.solve(variance, moves) - moves.size
     return bool(excess > CONTRADICTS * np.sqrt(2 * moves.size))
 
