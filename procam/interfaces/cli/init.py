@@ -22,7 +22,8 @@ def init(
         typer.Option(
             help="Which example to start from: by-hand, through-server, simulated-box, "
             "simulated-cylinder, simulated-faulty, simulated-ideal, simulated-realistic, "
-            "simulated-server, simulated-six-projectors, simulated-small or simulated-standard."
+            "simulated-room, simulated-server, simulated-six-projectors, simulated-small or "
+            "simulated-standard."
         ),
     ] = "",
     json: Json = False,
